@@ -1,0 +1,1 @@
+"""Pure geometry: rotations, poses, lenses, pan-tilt kinematics, frustum, PnP. No state, no I/O, no clock."""

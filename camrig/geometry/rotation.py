@@ -1,0 +1,75 @@
+"""Rotation matrices: exponential map, roll-pitch-yaw, elementary rotations. Angles in radians."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from camrig.geometry.arrays import Array
+
+
+def skew(vector: Array) -> Array:
+    """Return the (3, 3) matrix with ``skew(v) @ w == cross(v, w)``."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def rotation_exp(rotation_vector: Array) -> Array:
+    """Return the (3, 3) rotation by ``|v|`` radians about ``v`` (Rodrigues' formula)."""
+    angle = float(np.linalg.norm(rotation_vector))
+    if angle < 1e-12:
+        return np.eye(3) + skew(rotation_vector)
+    K = skew(rotation_vector / angle)
+    return np.asarray(np.eye(3) + math.sin(angle) * K + (1.0 - math.cos(angle)) * (K @ K))
+
+
+def rotation_log(R: Array) -> Array:
+    """Return the (3,) rotation vector of ``R``, of length in [0, pi]."""
+    axis2sin = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sin2 = float(np.linalg.norm(axis2sin))
+    angle = math.atan2(sin2, float(np.trace(R)) - 1.0)
+    if sin2 > 1e-6:
+        return np.asarray(axis2sin * (angle / sin2))
+    if angle < 1.0:
+        return np.asarray(axis2sin / 2.0)
+    # Near pi the antisymmetric part vanishes: (R + I) / 2 = a a^T, its largest column gives the axis.
+    outer = (R + np.eye(3)) / 2.0
+    column = outer[:, int(np.argmax(np.diag(outer)))]
+    axis = column / np.linalg.norm(column)
+    if float(axis @ axis2sin) < 0.0:
+        axis = -axis
+    return np.asarray(axis * angle)
+
+
+def rotation_x(angle_rad: float) -> Array:
+    """Rotation about x by the right-hand rule."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def rotation_y(angle_rad: float) -> Array:
+    """Rotation about y by the right-hand rule."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def rotation_z(angle_rad: float) -> Array:
+    """Rotation about z by the right-hand rule."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
+    """Roll about x, then pitch about y, then yaw about z, all fixed axes (REP-103): Rz Ry Rx."""
+    return np.asarray(rotation_z(yaw_rad) @ rotation_y(pitch_rad) @ rotation_x(roll_rad))
+
+
+def yaw_of(R: Array) -> float:
+    """Return the heading of the rotated x axis in the x-y plane, in (-pi, pi]."""
+    return math.atan2(float(R[1, 0]), float(R[0, 0]))
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """Wrap to [-pi, pi)."""
+    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi

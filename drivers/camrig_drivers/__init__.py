@@ -1,0 +1,1 @@
+"""Device drivers for camrig; found by entry point, never imported by it."""

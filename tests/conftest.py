@@ -1,0 +1,56 @@
+"""A leak fails the test: threads, descriptors and child processes left behind by it."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+_GRACE_S = 2.0
+
+
+def _threads() -> set[str]:
+    return {f"thread {thread.name}" for thread in threading.enumerate() if thread is not threading.main_thread()}
+
+
+def _descriptors() -> set[str]:
+    found = set()
+    for entry in Path("/proc/self/fd").iterdir():
+        try:
+            found.add(f"descriptor {entry.name} -> {os.readlink(entry)}")
+        except OSError:
+            continue  # the listing's own descriptor
+    return found
+
+
+def _children() -> set[str]:
+    tasks = Path("/proc/self/task").glob("*/children")
+    return {f"child {pid}" for task in tasks for pid in task.read_text().split()}
+
+
+def _resources() -> set[str]:
+    return _threads() | _descriptors() | _children()
+
+
+@pytest.fixture(autouse=True)
+def no_leaks() -> Iterator[None]:
+    """Fail a test that leaves a thread, a descriptor or a child process behind."""
+    before = _resources()
+    yield
+    deadline_s = time.monotonic() + _GRACE_S
+    while (left := _resources() - before) and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    assert not left, f"left behind: {sorted(left)}"
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of shared test data (pictures, scenes, vectors); its tests skip where it is not given."""
+    folder = os.environ.get("CAMRIG_TEST_DATA")
+    if not folder:
+        pytest.skip("CAMRIG_TEST_DATA is not set: no shared pictures, scenes and vectors")
+    return Path(folder)
