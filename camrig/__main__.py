@@ -1,0 +1,5 @@
+"""``python -m camrig`` is ``camrig``."""
+
+from camrig.cli.main import main
+
+main()

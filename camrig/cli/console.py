@@ -1,0 +1,43 @@
+"""What every command shares: JSON lines on standard output, everything for people on standard error."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+people = Console(stderr=True)
+"""Tables, progress and messages go here; standard output is for results."""
+
+results = Console()
+"""Human-readable results, where no ``--json`` was asked for."""
+
+
+def print_json(answer: Mapping[str, object]) -> None:
+    """Write one JSON object on a line of standard output; NaN and infinity become null."""
+    sys.stdout.write(json.dumps(_finite(answer), ensure_ascii=False, allow_nan=False) + "\n")
+    sys.stdout.flush()
+
+
+@contextmanager
+def progress_bar(description: str, total: float) -> Iterator[Progress]:
+    """Show a progress bar on standard error while inside; its task is ``progress.task_ids[0]``."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=people, transient=True, disable=not people.is_terminal) as progress:
+        progress.add_task(description, total=total)
+        yield progress
+
+
+def _finite(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
