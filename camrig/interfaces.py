@@ -37,14 +37,15 @@ class Driver(Generic[SpecT, DeviceT]):
 
     ``section`` is a pydantic model (frozen, extra keys forbidden) of the keys that the driver adds to those of the
     rig itself. ``make`` gets ``{id: (spec, section)}`` of *all* devices of this driver, so that heads on one bus
-    share one port, and returns ``{id: device}``; it opens nothing. ``check`` returns ``(id, key, message)`` for
-    every fault that only all sections together show (two heads with one address). ``discover`` lists what is
+    share one port, and returns ``{id: device}``; it opens nothing. ``check`` gets the same and returns
+    ``(id, key, message)`` for every fault that no section shows by itself (two heads with one address, pictures of
+    another size than the lens). ``discover`` lists what is
     plugged in, where a driver can.
     """
 
     section: type[Any]
     make: Callable[[Mapping[str, tuple[SpecT, Any]]], Mapping[str, DeviceT]]
-    check: Callable[[Mapping[str, Any]], Sequence[tuple[str, str, str]]] | None = None
+    check: Callable[[Mapping[str, tuple[SpecT, Any]]], Sequence[tuple[str, str, str]]] | None = None
     discover: Callable[[], Sequence[str]] | None = None
 
 

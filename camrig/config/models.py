@@ -1,0 +1,267 @@
+"""The sections of a rig's YAML that camrig itself defines; what a driver adds is checked by the driver's own model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+
+from camrig.config.document import StrictModel
+from camrig.config.units import BoxM, Degrees, FloorM, LimitsDeg, Name, Point, PoseModel, radians
+from camrig.errors import InputError
+from camrig.geometry.arrays import Array, Transform
+from camrig.geometry.lens import BrownLens, FisheyeLens
+from camrig.geometry.lens.pinhole import one_to_one_radius
+from camrig.geometry.pan_tilt import R_BODY_OPTICAL_DOWN, R_MOUNT_OPTICAL, PanTilt, aim_rotation
+from camrig.geometry.pose import transform
+from camrig.rig import (
+    Anchor,
+    Body,
+    BodyTag,
+    DroneMount,
+    DroneSpec,
+    FixedMount,
+    FreeMount,
+    HeadMount,
+    HeadSpec,
+    Mount,
+    Space,
+    TagKey,
+)
+
+TagId = Annotated[int, Field(ge=0, le=100_000)]
+TagSize = Annotated[float, Field(gt=0.0, le=5.0)]
+Focal = Annotated[float, Field(gt=0.0, le=100_000.0)]
+MIN_HEIGHT_M = 1.0
+Pixels = Annotated[int, Field(ge=16, le=20_000)]
+
+
+class DeviceModel(StrictModel):
+    """A section whose other keys belong to its driver, which checks them."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
+
+    driver: Name
+
+    def driver_keys(self) -> dict[str, Any]:
+        """Return the keys that are the driver's."""
+        return dict(self.model_extra or {})
+
+
+class LensModel(StrictModel):
+    """A lens: OpenCV's coefficients in OpenCV's order, pixels of the full picture."""
+
+    model: Literal["brown", "fisheye"] = "brown"
+    size_px: tuple[Pixels, Pixels]
+    fx: Focal
+    fy: Focal
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+    r_max: Annotated[float, Field(gt=0.0, le=50.0)] | None = None
+    readout_s: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+
+    @model_validator(mode="after")
+    def _buildable(self) -> LensModel:
+        try:
+            lens = self.build()
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        if self.r_max is not None and (radius := one_to_one_radius(lens, self.r_max)) < self.r_max:
+            raise ValueError(f"r_max {self.r_max:g} is past {radius:.3f}, where this lens stops being one-to-one")
+        if not (0.0 < self.cx < self.size_px[0] and 0.0 < self.cy < self.size_px[1]):
+            raise ValueError(f"cx, cy ({self.cx:g}, {self.cy:g}) must lie inside the picture of size_px {self.size_px}")
+        return self
+
+    def build(self) -> BrownLens | FisheyeLens:
+        """Return the lens of geometry; raises InputError for a wrong number of coefficients."""
+        geometry = (self.size_px, (self.fx, self.fy), (self.cx, self.cy))
+        lens: BrownLens | FisheyeLens
+        if self.model == "fisheye":
+            lens = FisheyeLens(*geometry, self.distortion or (0.0, 0.0, 0.0, 0.0))
+        else:
+            lens = BrownLens(*geometry, self.distortion)
+        return lens if self.r_max is None else replace(lens, r_max=self.r_max)
+
+
+class FixedPoseModel(StrictModel):
+    """Where a bolted camera stands and looks, as a level head would."""
+
+    position_m: Point
+    pan_deg: Degrees = 0.0
+    tilt_deg: Degrees = -90.0
+
+    def build(self) -> Transform:
+        """Return T_world_camera."""
+        R = aim_rotation(math.radians(self.pan_deg), math.radians(self.tilt_deg)) @ R_MOUNT_OPTICAL
+        return transform(R, np.array(self.position_m))
+
+
+class MountModel(StrictModel):
+    """What carries a camera: exactly one of head, drone, fixed or free."""
+
+    head: Name | None = None
+    drone: Name | None = None
+    fixed: FixedPoseModel | None = None
+    free: Literal[True] | None = None
+    T_mount_camera: PoseModel | None = None
+    T_body_camera: PoseModel | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> MountModel:
+        kinds = [name for name in ("head", "drone", "fixed", "free") if getattr(self, name) is not None]
+        if len(kinds) != 1:
+            raise ValueError(f"give exactly one of head, drone, fixed, free; got {', '.join(kinds) or 'none'}")
+        if self.T_mount_camera and not self.head:
+            raise ValueError("T_mount_camera goes with head")
+        if self.T_body_camera and not self.drone:
+            raise ValueError("T_body_camera goes with drone")
+        return self
+
+    def build(self) -> Mount:
+        """Return the mount of the rig."""
+        if self.head is not None:
+            return HeadMount(self.head, _optical(self.T_mount_camera, R_MOUNT_OPTICAL))
+        if self.drone is not None:
+            return DroneMount(self.drone, _optical(self.T_body_camera, R_BODY_OPTICAL_DOWN))
+        return FixedMount(self.fixed.build()) if self.fixed else FreeMount()
+
+
+class CameraModel(StrictModel):
+    """One camera: which lens, which source, which mount."""
+
+    id: Name
+    lens: Name
+    source: DeviceModel
+    mount: MountModel
+
+
+class HeadModel(DeviceModel):
+    """One pan-tilt head; port, baud, address and axes are its driver's."""
+
+    id: Name
+    enable: Literal["auto", "manual"] = "manual"
+    position_m: Point
+    rpy_deg: tuple[Degrees, Degrees, Degrees] = (0.0, 0.0, 0.0)
+    T_arm_tilt: PoseModel = PoseModel()
+    pan_deg: LimitsDeg = (-180.0, 180.0)
+    tilt_deg: LimitsDeg = (-90.0, 0.0)
+    speed_deg_s: Annotated[float, Field(gt=0.0, le=400.0)] = 40.0
+    bias_deg: Annotated[float, Field(ge=0.0, le=5.0)] = 0.1
+
+    def build(self) -> HeadSpec:
+        """Return the head of the rig."""
+        return HeadSpec(
+            id=self.id,
+            kinematics=PanTilt(
+                PoseModel(position_m=self.position_m, rpy_deg=self.rpy_deg).build(), self.T_arm_tilt.build()
+            ),
+            pan_limits_rad=radians(self.pan_deg),
+            tilt_limits_rad=radians(self.tilt_deg),
+            speed_rad_s=math.radians(self.speed_deg_s),
+            auto_enable=self.enable == "auto",
+            bias_sigma_rad=math.radians(self.bias_deg),
+        )
+
+
+class DroneModel(DeviceModel):
+    """One camera drone; url, system and pose source are its driver's."""
+
+    id: Name
+    box_m: BoxM
+    min_separation_m: Annotated[float, Field(ge=0.0, le=100.0)] = 0.8
+    speed_m_s: Annotated[float, Field(gt=0.0, le=5.0)] = 0.5
+    position_sigma_m: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
+    attitude_sigma_deg: Annotated[float, Field(gt=0.0, le=10.0)] = 0.3
+
+    @model_validator(mode="after")
+    def _high_enough(self) -> DroneModel:
+        if self.box_m[0][2] < MIN_HEIGHT_M:
+            raise ValueError(
+                f"box_m starts at {self.box_m[0][2]:g} m; a drone keeps at least {MIN_HEIGHT_M:g} m height"
+            )
+        return self
+
+    def build(self) -> DroneSpec:
+        """Return the drone of the rig."""
+        return DroneSpec(
+            id=self.id,
+            box_m=self.box_m,
+            min_separation_m=self.min_separation_m,
+            speed_m_s=self.speed_m_s,
+            position_sigma_m=self.position_sigma_m,
+            attitude_sigma_rad=math.radians(self.attitude_sigma_deg),
+        )
+
+
+class BodyTagModel(StrictModel):
+    """A tag on a body."""
+
+    family: Name = "tag36h11"
+    id: TagId
+    size_m: TagSize
+    T_body_tag: PoseModel = PoseModel()
+
+    def build(self) -> BodyTag:
+        """Return the tag of the rig."""
+        return BodyTag(TagKey(self.family, self.id), self.size_m, self.T_body_tag.build())
+
+
+class TargetModel(StrictModel):
+    """A target: a named body with its tags."""
+
+    id: Name
+    motion: Literal["floor", "free", "static"] = "floor"
+    weight: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
+    tags: Annotated[tuple[BodyTagModel, ...], Field(min_length=1)]
+
+    def build(self) -> Body:
+        """Return the body of the rig."""
+        return Body(self.id, tuple(tag.build() for tag in self.tags), self.motion, self.weight)
+
+
+class AnchorModel(StrictModel):
+    """A tag fixed in the room."""
+
+    family: Name = "tag36h11"
+    id: TagId
+    size_m: TagSize
+    T_world_tag: PoseModel
+
+    def build(self) -> Anchor:
+        """Return the anchor of the rig."""
+        return Anchor(TagKey(self.family, self.id), self.size_m, self.T_world_tag.build())
+
+
+class SpaceModel(StrictModel):
+    """Where targets live and what stands in the way."""
+
+    floor_m: FloorM
+    keep_out_m: tuple[BoxM, ...] = ()
+
+    def build(self) -> Space:
+        """Return the space of the rig."""
+        return Space(self.floor_m, self.keep_out_m)
+
+
+class PlannerModel(StrictModel):
+    """How the rig is planned."""
+
+    quality: Literal["pixel"] = "pixel"
+    visibility: Literal["image", "cone"] = "image"
+    objective: Literal["mean"] = "mean"
+    period_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
+    deadline_s: Annotated[float, Field(ge=0.01, le=60.0)] = 0.5
+    margin_deg: Annotated[float, Field(ge=0.0, le=20.0)] = 1.0
+    min_separation_m: Annotated[float, Field(ge=0.0, le=100.0)] = 0.8
+    gain: Annotated[float, Field(ge=0.0, le=1.0)] = 0.02
+    seed: int = 0
+
+
+def _optical(pose: PoseModel | None, R_optical: Array) -> Transform:
+    """Return a mount-to-camera transform: the pose as written, then the turn into the optical frame."""
+    T = (pose or PoseModel()).build()
+    return T @ transform(R_optical, np.zeros(3))
