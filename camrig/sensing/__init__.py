@@ -1,6 +1,5 @@
 """The sensing-quality model: what one camera makes of one target, what it sees, and how cameras add up. Pure."""
 
-from camrig.sensing.occlusion import blocked
 from camrig.sensing.quality import fused, pixel_quality, q_d, q_p
 from camrig.sensing.visibility import (
     cone_clearance,
@@ -13,7 +12,6 @@ from camrig.sensing.visibility import (
 )
 
 __all__ = [
-    "blocked",
     "cone_clearance",
     "fused",
     "half_angle",

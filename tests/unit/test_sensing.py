@@ -152,13 +152,3 @@ def test_tag_side_is_the_narrow_one() -> None:
     squeezed = corners * [0.5, 1.0, 1.0]
     assert sensing.tag_side_px(PINHOLE, squeezed) == pytest.approx(40.0)
     assert np.isnan(sensing.tag_side_px(PINHOLE, corners * [1, 1, -1]))
-
-
-def test_a_box_blocks_what_passes_through_it_only() -> None:
-    box = ((1.0, 1.0, 0.0), (2.0, 2.0, 1.0))
-    eye = np.array([0.0, 1.5, 0.5])
-    points = np.array([[3.0, 1.5, 0.5], [0.5, 1.5, 0.5], [1.0, 1.5, 0.5], [3.0, 1.5, 4.0], [0.0, 3.0, 0.5]])
-    assert sensing.blocked(eye, points, [box]).tolist() == [True, False, False, False, False]
-    on_top = np.array([1.5, 1.5, 1.0])
-    assert not sensing.blocked(np.array([1.5, 1.5, 3.0]), on_top, [box])
-    assert not sensing.blocked(eye, points, []).any()
