@@ -17,11 +17,13 @@ from typing import Any, Generic, Protocol, TypeVar
 from camrig.geometry.arrays import GreyImage, Transform
 from camrig.messages import (
     AxisReading,
+    CameraPose,
     DroneReading,
     Event,
     Frame,
     LinkReport,
     RigPlan,
+    Sighting,
     TagDetection,
     Target,
 )
@@ -185,6 +187,8 @@ class Published:
     events: tuple[Event, ...] = ()
     links: tuple[LinkReport, ...] = ()
     plan: RigPlan | None = None
+    sightings: tuple[Sighting, ...] = ()
+    camera_poses: tuple[CameraPose, ...] = ()
 
 
 class Sink(Protocol):

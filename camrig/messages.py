@@ -195,6 +195,16 @@ class PlanTarget:
 
 
 @dataclass(frozen=True, slots=True)
+class LostTarget:
+    """A target to be searched for: where it is thought to be, and how uncertain that is."""
+
+    id: str
+    position_m: tuple[float, float, float]
+    sigma_m: float
+    tag_size_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class PlanRequest:
     """Ask the planner for a plan; ``aims`` is where the cameras that can take part aim now, by camera id."""
 
@@ -204,6 +214,21 @@ class PlanRequest:
     aims: Mapping[str, Aim]
     available: tuple[str, ...]
     deadline_s: float
+    lost: tuple[LostTarget, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ScanRequest:
+    """Ask the planner for the stops of a scan of the whole floor."""
+
+    request_id: int
+    stamp_s: float
+    aims: Mapping[str, Aim]
+    available: tuple[str, ...]
+    deadline_s: float
+
+
+PlannerRequest = PlanRequest | ScanRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,6 +259,22 @@ class RigPlan:
     targets: Mapping[str, TargetQuality]
     uncovered: tuple[str, ...]
     solve_s: float
+    searching: Mapping[str, str] = field(default_factory=dict)
+    """Which camera looks for which lost target: camera id by target id."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScanPlan:
+    """The stops of a scan, in order: aims by camera id; ``covered`` is the share of floor cells they show."""
+
+    request_id: int
+    stamp_s: float
+    stops: tuple[Mapping[str, Aim], ...]
+    covered: float
+    solve_s: float
+
+
+PlannerAnswer = RigPlan | ScanPlan
 
 
 @dataclass(frozen=True, slots=True)
