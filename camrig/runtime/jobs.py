@@ -1,0 +1,168 @@
+"""What the workers do with cameras, heads and drones. Images never cross threads: detections do."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+from camrig.clock import Clock
+from camrig.detect import detect
+from camrig.errors import HardwareError, LinkLost, NotEnabledError
+from camrig.interfaces import Camera, Drone, Head, TagDetector
+from camrig.messages import AxisReading, DroneAim, DroneReading, Event, HeadAim, Level, TagDetections
+from camrig.runtime.guardian_link import GuardianLink
+from camrig.runtime.mailbox import Mailbox
+
+CAMERA_TIMEOUT_S = 0.5
+HEAD_TIMEOUT_S = 0.3
+DRONE_TIMEOUT_S = 0.02
+READINGS_KEPT = 64
+
+
+@dataclass
+class CameraJob:
+    """Dequeues frames and detects the tags in each; the newest detections win."""
+
+    name: str
+    camera: Camera
+    make_detector: Callable[[], TagDetector]
+    clock: Clock
+    detections: Mailbox[TagDetections] = field(default_factory=lambda: Mailbox(4))
+    frames: int = 0
+    detect_s: float = 0.0
+    _detector: TagDetector | None = None
+
+    def open(self) -> None:
+        if self._detector is None:  # one detector per thread, kept for the life of the process
+            self._detector = self.make_detector()
+        self.camera.open()
+
+    def turn(self) -> None:
+        frame = self.camera.read(CAMERA_TIMEOUT_S)
+        if frame is None or self._detector is None:
+            return
+        found = detect(frame, self._detector, self.clock.now_s)
+        self.frames += 1
+        self.detect_s += found.detect_s
+        self.detections.put(found)
+
+    def close(self) -> None:
+        self.camera.close()
+
+    def wake(self) -> None:
+        self.camera.wake()
+
+
+@dataclass
+class HeadJob:
+    """Polls a head's position, and sends it where the newest command says while it is enabled."""
+
+    name: str
+    head: Head
+    guardian: GuardianLink
+    auto_enable: bool
+    readings: Mailbox[AxisReading] = field(default_factory=lambda: Mailbox(READINGS_KEPT))
+    commands: Mailbox[HeadAim] = field(default_factory=lambda: Mailbox(1))
+    _wanted: threading.Event = field(default_factory=threading.Event)
+    _enabled: bool = False
+
+    def __post_init__(self) -> None:
+        if self.auto_enable:
+            self._wanted.set()
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the head may move now."""
+        return self._enabled and self._wanted.is_set()
+
+    def open(self) -> None:
+        self.commands.clear()  # nothing commanded before a link was lost is replayed
+        self.head.open()
+        self.guardian.hold(self.name, self.head.guard())
+
+    def turn(self) -> None:
+        if self._wanted.is_set() and not self._enabled:
+            self.commands.clear()
+            self.head.enable()
+            self._enabled = True
+        for aim in self.commands.take_all():
+            with suppress(NotEnabledError):  # stopped by another thread between the queue and the wire
+                self.head.move_to(aim.pan_rad, aim.tilt_rad)
+        for reading in self.head.read(HEAD_TIMEOUT_S):
+            self.readings.put(reading)
+
+    def close(self) -> None:
+        self._enabled = False
+        self.head.close()
+        self.guardian.release(self.name)
+
+    def wake(self) -> None:
+        """Do nothing: a turn is one exchange and ends by itself."""
+
+    def resume(self) -> None:
+        """Operator's or start-up's order: the head may move; any thread."""
+        self._wanted.set()
+
+    def stop(self) -> None:
+        """End motion now and stay still until ``resume``; any thread."""
+        self._wanted.clear()
+        self._enabled = False
+        self.commands.clear()
+        self.head.stop()
+
+
+@dataclass
+class DroneJob:
+    """Serves a drone's link and passes on the newest hover point; arming and landing are operator's orders."""
+
+    name: str
+    drone: Drone
+    clock: Clock
+    refusals: Mailbox[Event] = field(default_factory=lambda: Mailbox(16))
+    readings: Mailbox[DroneReading] = field(default_factory=lambda: Mailbox(READINGS_KEPT))
+    commands: Mailbox[DroneAim] = field(default_factory=lambda: Mailbox(1))
+    orders: Mailbox[Callable[[], None]] = field(default_factory=lambda: Mailbox(4))
+
+    def open(self) -> None:
+        self.commands.clear()
+        self.orders.clear()
+        self.drone.open()
+
+    def turn(self) -> None:
+        for order in self.orders.take_all():
+            self._obey(order)
+        for aim in self.commands.take_all():
+            with suppress(NotEnabledError):  # stopped, or no longer flying, since the command was made
+                self.drone.go_to(aim.position_m, aim.yaw_rad)
+        for reading in self.drone.read(DRONE_TIMEOUT_S):
+            self.readings.put(reading)
+
+    def _obey(self, order: Callable[[], None]) -> None:
+        try:
+            order()
+        except LinkLost:
+            raise
+        except HardwareError as error:
+            self.refusals.put(Event(self.clock.now_s(), Level.WARNING, self.name, str(error)))
+
+    def close(self) -> None:
+        self.drone.close()
+
+    def wake(self) -> None:
+        """Do nothing: a turn is bounded by its time-out."""
+
+    def arm(self) -> None:
+        """Operator's order: arm and climb; any thread."""
+        self.orders.put(self.drone.arm)
+
+    def land(self) -> None:
+        """Operator's order: land here; any thread."""
+        self.commands.clear()
+        self.orders.put(self.drone.land)
+
+    def stop(self) -> None:
+        """Hold where it is and take no hover point until ``arm``; any thread."""
+        self.commands.clear()
+        self.drone.stop()

@@ -1,0 +1,34 @@
+"""The planner in a process of its own, so that a solve delays no frame stamp, no command and no stop."""
+
+from __future__ import annotations
+
+import sys
+import time
+from multiprocessing.connection import Connection
+
+from camrig import optimise
+from camrig.messages import PlannerAnswer, PlannerRequest, PlanRequest
+from camrig.optimise import PlannerSettings
+from camrig.rig import Rig
+
+
+def serve(connection: Connection) -> None:
+    """Answer requests one after the other until the daemon's end closes."""
+    rig: Rig
+    settings: PlannerSettings
+    try:
+        rig, settings = connection.recv()
+        while True:
+            connection.send(_answer(rig, settings, connection.recv()))
+    except (EOFError, OSError, KeyboardInterrupt):
+        return
+
+
+def _answer(rig: Rig, settings: PlannerSettings, request: PlannerRequest) -> PlannerAnswer:
+    if isinstance(request, PlanRequest):
+        return optimise.plan_for(rig, request, settings, time.monotonic)
+    return optimise.scan_for(rig, request, settings, time.monotonic)
+
+
+if __name__ == "__main__":
+    serve(Connection(int(sys.argv[1])))
