@@ -5,7 +5,7 @@ Source: OpenCV calib3d, "Detailed description": (k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,6 +25,7 @@ class BrownLens:
     centre_px: tuple[float, float]
     distortion: tuple[float, ...] = ()
     r_max: float = None  # type: ignore[assignment]  # filled in below, never None outside
+    _inverse: pinhole.InverseTable = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if len(self.distortion) not in _ALLOWED_LENGTHS:
@@ -35,32 +36,48 @@ class BrownLens:
         object.__setattr__(self, "distortion", full + (0.0,) * (12 - len(full)))
         if self.r_max is None:
             object.__setattr__(self, "r_max", pinhole.one_to_one_radius(self, pinhole.R_MAX_DEFAULT))
+        object.__setattr__(self, "_inverse", pinhole.inverse_table(self))
 
     def distort(self, ideal: Array) -> Array:
-        _, _, p1, p2, _, _, _, _, s1, s2, s3, s4 = self.distortion
         a, b = ideal[..., 0], ideal[..., 1]
         r2 = a * a + b * b
-        g, _ = self._radial(r2)
-        prism = r2 * r2
-        u = a * g + 2.0 * p1 * a * b + p2 * (r2 + 2.0 * a * a) + s1 * r2 + s2 * prism
-        v = b * g + p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * a * b + s3 * r2 + s4 * prism
-        return np.stack([u, v], axis=-1)
+        sensor = np.asarray(ideal * self._radial(r2)[0][..., None])
+        p1, p2 = self.distortion[2:4]
+        if p1 or p2:
+            ab = a * b
+            sensor[..., 0] += 2.0 * p1 * ab + p2 * (r2 + 2.0 * a * a)
+            sensor[..., 1] += p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * ab
+        s1, s2, s3, s4 = self.distortion[8:]
+        if s1 or s2 or s3 or s4:
+            sensor[..., 0] += r2 * (s1 + s2 * r2)
+            sensor[..., 1] += r2 * (s3 + s4 * r2)
+        return sensor
 
     def jacobian(self, ideal: Array) -> Array:
-        _, _, p1, p2, _, _, _, _, s1, s2, s3, s4 = self.distortion
         a, b = ideal[..., 0], ideal[..., 1]
         r2 = a * a + b * b
         g, dg = self._radial(r2)
+        slope_a, slope_b = 2.0 * a * dg, 2.0 * b * dg
         J = np.empty((*np.shape(a), 2, 2))
-        prism_u, prism_v = s1 + 2.0 * s2 * r2, s3 + 2.0 * s4 * r2
-        J[..., 0, 0] = g + 2.0 * a * a * dg + 2.0 * p1 * b + 6.0 * p2 * a + 2.0 * a * prism_u
-        J[..., 0, 1] = 2.0 * a * b * dg + 2.0 * p1 * a + 2.0 * p2 * b + 2.0 * b * prism_u
-        J[..., 1, 0] = 2.0 * a * b * dg + 2.0 * p1 * a + 2.0 * p2 * b + 2.0 * a * prism_v
-        J[..., 1, 1] = g + 2.0 * b * b * dg + 6.0 * p1 * b + 2.0 * p2 * a + 2.0 * b * prism_v
+        J[..., 0, 0] = g + a * slope_a
+        J[..., 0, 1] = J[..., 1, 0] = a * slope_b
+        J[..., 1, 1] = g + b * slope_b
+        p1, p2 = self.distortion[2:4]
+        if p1 or p2:
+            cross = 2.0 * (p1 * a + p2 * b)
+            J[..., 0, 0] += 2.0 * p1 * b + 6.0 * p2 * a
+            J[..., 0, 1] += cross
+            J[..., 1, 0] += cross
+            J[..., 1, 1] += 6.0 * p1 * b + 2.0 * p2 * a
+        s1, s2, s3, s4 = self.distortion[8:]
+        if s1 or s2 or s3 or s4:
+            twice_ideal = 2.0 * ideal
+            J[..., 0, :] += twice_ideal * (s1 + 2.0 * s2 * r2)[..., None]
+            J[..., 1, :] += twice_ideal * (s3 + 2.0 * s4 * r2)[..., None]
         return J
 
     def undistort(self, sensor: Array) -> Array:
-        return pinhole.undistort(self, sensor)
+        return pinhole.undistort(self, self._inverse, sensor)
 
     def project(self, points_camera: Array) -> Array:
         return pinhole.project(self, points_camera)

@@ -5,7 +5,7 @@ Source: OpenCV calib3d, namespace ``fisheye``. Ideal coordinates reach less than
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,6 +26,7 @@ class FisheyeLens:
     centre_px: tuple[float, float]
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     r_max: float = None  # type: ignore[assignment]  # filled in below, never None outside
+    _inverse: pinhole.InverseTable = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if len(self.distortion) != 4:
@@ -33,6 +34,7 @@ class FisheyeLens:
         object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
         if self.r_max is None:
             object.__setattr__(self, "r_max", pinhole.one_to_one_radius(self, R_MAX_FISHEYE))
+        object.__setattr__(self, "_inverse", pinhole.inverse_table(self))
 
     def distort(self, ideal: Array) -> Array:
         scale, _ = self._scale(ideal)
@@ -44,7 +46,7 @@ class FisheyeLens:
         return np.asarray(scale[..., None, None] * np.eye(2) + slope[..., None, None] * outer)
 
     def undistort(self, sensor: Array) -> Array:
-        return pinhole.undistort(self, sensor)
+        return pinhole.undistort(self, self._inverse, sensor)
 
     def project(self, points_camera: Array) -> Array:
         return pinhole.project(self, points_camera)

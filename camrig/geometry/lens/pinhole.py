@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +17,15 @@ _NEWTON_STEPS = 20
 _NEWTON_TOLERANCE = 1e-12
 _RADII = 2048
 _DIRECTIONS = 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InverseTable:
+    """Where Newton's method starts: ideal by sensor radius, (n,), and the sensor radius nothing visible exceeds."""
+
+    sensor_radius: Array
+    scale: Array
+    reach: float
 
 
 def project(lens: Lens, points_camera: Array) -> Array:
@@ -33,43 +43,67 @@ def unproject(lens: Lens, pixels: Array) -> Array:
     return lens.undistort((pixels - np.asarray(lens.centre_px)) / np.asarray(lens.focal_px))
 
 
-def undistort(lens: Lens, sensor: Array) -> Array:
-    """Invert ``lens.distort`` by Newton's method from a radial first guess; NaN where it has no solution."""
-    radii = np.linspace(0.0, lens.r_max, 257)
-    spokes = lens.distort(np.stack([radii, np.zeros_like(radii)], axis=-1))
-    sensor_radius = np.linalg.norm(sensor, axis=-1)
-    guess_radius = np.interp(sensor_radius, np.maximum.accumulate(np.linalg.norm(spokes, axis=-1)), radii)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scale = np.where(sensor_radius > 0.0, guess_radius / sensor_radius, 1.0)
-    ideal = sensor * scale[..., None]
-    limit = 1.25 * lens.r_max
+def inverse_table(lens: Lens) -> InverseTable:
+    """Tabulate the lens along one spoke, and how far its disc of radius ``r_max`` reaches on the sensor."""
+    radii = np.linspace(0.0, lens.r_max, _RADII)[1:]
+    spoke = lens.distort(np.stack([radii, np.zeros_like(radii)], axis=-1))
+    sensor_radius = np.maximum.accumulate(np.linalg.norm(spoke, axis=-1))
+    rim = lens.distort(lens.r_max * _directions())
+    # 1.001: between two directions the rim of a lens with tangential terms bulges a little further.
+    reach = 1.001 * float(np.linalg.norm(rim, axis=-1).max())
+    return InverseTable(sensor_radius, radii / sensor_radius, reach)
+
+
+def undistort(lens: Lens, table: InverseTable, sensor: Array) -> Array:
+    """Invert ``lens.distort`` by Newton's method from the table's guess; NaN where it has no solution.
+
+    The guess of a lens without tangential terms is right to 1e-7, so one step does.
+    """
+    sensor_radius = np.hypot(sensor[..., 0], sensor[..., 1])
+    scale = np.interp(sensor_radius, table.sensor_radius, table.scale)
+    # What lies beyond the rim has no solution; as NaN it keeps no other point waiting.
+    ideal = sensor * np.where(sensor_radius <= table.reach, scale, np.nan)[..., None]
+    residual = lens.distort(ideal) - sensor
     for _ in range(_NEWTON_STEPS):
-        residual = lens.distort(ideal) - sensor
         if not np.any(np.abs(residual) > _NEWTON_TOLERANCE):
             break
-        ideal = ideal - _solve_2x2(lens.jacobian(ideal), residual)
-        radius = np.linalg.norm(ideal, axis=-1, keepdims=True)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ideal = np.where(radius > limit, ideal * (limit / radius), ideal)
-    residual = np.abs(lens.distort(ideal) - sensor).max(axis=-1)
-    solved = (residual < 1e-9) & (np.linalg.norm(ideal, axis=-1) <= lens.r_max * (1.0 + 1e-9))
+        ideal = _within(1.25 * lens.r_max, ideal - _solve_2x2(lens.jacobian(ideal), residual))
+        residual = lens.distort(ideal) - sensor
+    solved = np.abs(residual).max(axis=-1) < 1e-9
+    solved &= np.hypot(ideal[..., 0], ideal[..., 1]) <= lens.r_max * (1.0 + 1e-9)
     return np.asarray(np.where(solved[..., None], ideal, np.nan))
 
 
 def one_to_one_radius(lens: Lens, limit: float) -> float:
     """Return the radius tan(beta), at most ``limit``, up to which ``det d sensor / d ideal`` stays positive."""
     radii = np.linspace(0.0, limit, _RADII)
-    angles = np.linspace(0.0, 2.0 * math.pi, _DIRECTIONS, endpoint=False)
-    points = radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    J = lens.jacobian(points)
+    J = lens.jacobian(radii[:, None, None] * _directions())
     det = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
     folded = np.flatnonzero((det <= 0.0).any(axis=1))
     return float(radii[max(0, folded[0] - 1)]) if folded.size else limit
 
 
+def _directions() -> Array:
+    """Return (n, 2) unit vectors all round."""
+    angles = np.linspace(0.0, 2.0 * math.pi, _DIRECTIONS, endpoint=False)
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+def _within(limit: float, ideal: Array) -> Array:
+    """Pull points that a Newton step threw far out back to the circle of radius ``limit``."""
+    radius = np.hypot(ideal[..., 0], ideal[..., 1])
+    far = radius > limit
+    return (
+        np.where(far[..., None], ideal * (limit / np.where(far, radius, 1.0))[..., None], ideal) if far.any() else ideal
+    )
+
+
 def _solve_2x2(J: Array, residual: Array) -> Array:
     a, b, c, d = J[..., 0, 0], J[..., 0, 1], J[..., 1, 0], J[..., 1, 1]
     u, v = residual[..., 0], residual[..., 1]
+    step = np.empty_like(residual)
     with np.errstate(divide="ignore", invalid="ignore"):
-        step = np.stack([d * u - b * v, a * v - c * u], axis=-1) / (a * d - b * c)[..., None]
-    return np.asarray(step)
+        det = a * d - b * c
+        step[..., 0] = (d * u - b * v) / det
+        step[..., 1] = (a * v - c * u) / det
+    return step
