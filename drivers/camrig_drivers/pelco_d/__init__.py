@@ -1,0 +1,52 @@
+"""Pelco-D pan-tilt heads on serial lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from serial.tools import list_ports
+
+from camrig.clock import RealClock
+from camrig.interfaces import Driver, Head
+from camrig.rig import HeadSpec
+from camrig_drivers.pelco_d.bus import Bus, LineSettings
+from camrig_drivers.pelco_d.head import PelcoDHead
+from camrig_drivers.pelco_d.section import PelcoDSection, check, line_of
+
+__all__ = ["driver"]
+
+_BY_ID = Path("/dev/serial/by-id")
+
+
+def _make(heads: Mapping[str, tuple[HeadSpec, PelcoDSection]]) -> Mapping[str, Head]:
+    """Build all heads; those of one line share its bus, which takes the longest gap and time-out any of them asks."""
+    clock = RealClock()
+    lines: dict[str, list[PelcoDSection]] = {}
+    for _, section in heads.values():
+        lines.setdefault(line_of(section.port), []).append(section)
+    buses = {line: Bus(_settings(sections), clock) for line, sections in lines.items()}
+    return {
+        name: PelcoDHead(spec, section, buses[line_of(section.port)], clock) for name, (spec, section) in heads.items()
+    }
+
+
+def _settings(sections: Sequence[PelcoDSection]) -> LineSettings:
+    first = sections[0]
+    return LineSettings(
+        port=first.port,
+        baud=first.baud,
+        gap_s=max(section.gap_s for section in sections),
+        reply_timeout_s=max(section.reply_timeout_s for section in sections),
+        echo=first.echo,
+        resync_tail=first.resync_tail,
+    )
+
+
+def _discover() -> Sequence[str]:
+    """List serial ports, each by the name that survives a replug where it has one."""
+    by_device = {str(link.resolve()): str(link) for link in sorted(_BY_ID.glob("*"))}
+    return [by_device.get(port.device, port.device) for port in list_ports.comports()]
+
+
+driver: Driver[HeadSpec, Head] = Driver(section=PelcoDSection, make=_make, check=check, discover=_discover)

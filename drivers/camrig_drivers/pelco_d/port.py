@@ -1,0 +1,92 @@
+"""One open serial port, whose every trouble is a LinkLost."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import termios
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import serial
+
+from camrig.errors import LinkLost
+
+_WRITE_TIMEOUT_S = 0.5
+_ADVICE = {
+    errno.ENOENT: "it does not exist; check the cable and the name, best one of /dev/serial/by-id",
+    errno.EACCES: "permission denied; add this user to the port's group (dialout on Debian) and log in again",
+    errno.EPERM: "permission denied; add this user to the port's group (dialout on Debian) and log in again",
+    errno.EAGAIN: "another program holds it; stop that program",
+    errno.EBUSY: "another program holds it; stop that program",
+    errno.ENOTTY: "it is no serial port; check the name",
+}
+
+
+class Port:
+    """A serial port at 8N1, ours alone, without input or output of its own until asked.
+
+    Opening raises LinkLost with what to do about it. A failed read or write raises LinkLost and is final.
+    """
+
+    def __init__(self, path: str, baud: int) -> None:
+        self.path = path
+        try:
+            self._serial = serial.Serial(path, baud, timeout=0.0, write_timeout=_WRITE_TIMEOUT_S, exclusive=True)
+        except (OSError, termios.error, ValueError) as error:  # a SerialException is an OSError, termios.error is not
+            raise LinkLost(f"cannot open serial port {path}: {_advice(error)}") from error
+        # An adapter may hold bytes back for 16 ms, and with them their stamps; a pty cannot be asked.
+        with suppress(OSError, ValueError, NotImplementedError):
+            self._serial.set_low_latency_mode(True)
+
+    @property
+    def fd(self) -> int:
+        """The descriptor, for a guardian; raises LinkLost once closed."""
+        if self._serial.fd is None:
+            raise LinkLost(f"serial port {self.path} is closed")
+        return int(self._serial.fd)
+
+    @property
+    def is_open(self) -> bool:
+        return bool(self._serial.is_open)
+
+    def write(self, frame: bytes) -> None:
+        """Hand a whole frame to the line; raises LinkLost where it does not take it within 0.5 s."""
+        with self._link("writing"):
+            self._serial.write(frame)
+
+    def read(self, size: int, timeout_s: float) -> bytes:
+        """Block until ``size`` bytes came, ``timeout_s`` has passed or ``wake``; return what came."""
+        with self._link("reading"):
+            self._serial.timeout = timeout_s
+            return bytes(self._serial.read(size))
+
+    def discard_input(self) -> None:
+        """Forget everything received and not yet read."""
+        with self._link("reading"):
+            self._serial.reset_input_buffer()
+
+    def wake(self) -> None:
+        """Make a blocked ``read`` (or else the next one) return at once; any thread."""
+        self._serial.cancel_read()
+
+    def close(self) -> None:
+        """Release the port; twice is allowed."""
+        if not self._serial.is_open:
+            return
+        # Closing alone keeps the lock while a guardian process holds a copy of the descriptor.
+        with suppress(OSError):
+            fcntl.flock(self.fd, fcntl.LOCK_UN)
+        self._serial.close()
+
+    @contextmanager
+    def _link(self, doing: str) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, termios.error) as error:
+            raise LinkLost(f"serial port {self.path} was lost while {doing}: {error}") from error
+
+
+def _advice(error: Exception) -> str:
+    number = error.args[0] if error.args else None
+    return _ADVICE.get(number, str(error)) if isinstance(number, int) else str(error)
