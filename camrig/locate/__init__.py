@@ -1,0 +1,16 @@
+"""Tag detections and the camera's pose at the frame's stamp give sightings of targets, with covariance. Pure."""
+
+from camrig.locate.camera_pose import camera_pose
+from camrig.locate.history import AxisHistory, DroneHistory, HeadHistory, HeadState, Histories
+from camrig.locate.one_frame import Located, locate
+
+__all__ = [
+    "AxisHistory",
+    "DroneHistory",
+    "HeadHistory",
+    "HeadState",
+    "Histories",
+    "Located",
+    "camera_pose",
+    "locate",
+]

@@ -1,0 +1,103 @@
+"""From the tags of one frame to sightings of targets in the world: the whole of ``locate`` on one screen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camrig.geometry.arrays import Array, Transform
+from camrig.geometry.pose import invert
+from camrig.locate.anchors import Corrected, correct, from_anchors_alone
+from camrig.locate.camera_pose import camera_pose
+from camrig.locate.history import Histories
+from camrig.locate.sightings import seen_bodies, solve
+from camrig.locate.tags import SeenTag, owners, undistorted, without_repeats
+from camrig.messages import CameraPose, Event, Level, Sighting, TagDetection, TagDetections
+from camrig.rig import CameraSpec, Rig
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Located:
+    """What one frame tells.
+
+    ``camera_pose`` is None where nothing tells it, and then there are no sightings. ``unlisted`` tags are in the
+    picture but not in the rig: reported, never fused. ``notes`` repeat in every frame while their cause lasts, with
+    the same text.
+    """
+
+    camera_pose: CameraPose | None
+    sightings: tuple[Sighting, ...] = ()
+    unlisted: tuple[TagDetection, ...] = ()
+    notes: tuple[Event, ...] = ()
+
+
+def locate(detections: TagDetections, histories: Histories, rig: Rig, priors: Mapping[str, Transform]) -> Located:
+    """Find the camera, correct it by the anchors in view, and place every listed target that it sees.
+
+    ``priors`` are predicted ``T_world_body`` at the frame's stamp by target id, where known; they only choose between
+    solutions that the picture leaves open.
+    """
+    camera = rig.cameras[detections.camera_id]
+    known = owners(rig)
+    unlisted = tuple(tag for tag in detections.tags if tag.key not in known)
+    if detections.size_px != camera.lens.size_px:
+        text = f"pictures are {_size(detections.size_px)}, its lens is for {_size(camera.lens.size_px)}: not used"
+        return Located(None, (), unlisted, (_warning(detections, camera.id, text),))
+    tags = undistorted(camera.lens, [(tag, known[tag.key]) for tag in detections.tags if tag.key in known])
+    carried = camera_pose(camera, rig, histories, detections.stamp_s)
+    found, notes = _with_anchors(detections, camera, carried, [tag for tag in tags if tag.owner.target_id is None])
+    if found is None:
+        return Located(None, (), unlisted, notes)
+    own = [tag for tag in tags if tag.owner.target_id is not None]
+    single, repeated = without_repeats(own, lambda tag: _expected_px(camera, found, tag, priors))
+    sightings, misfits = solve(seen_bodies(single, rig.targets, priors), found, camera.lens)
+    notes += tuple(_warning(detections, str(key), f"more than one in the picture of {camera.id}") for key in repeated)
+    notes += tuple(
+        _warning(detections, name, f"{camera.id} sees tags that do not fit its size, place or upright stand: not used")
+        for name in misfits
+    )
+    return Located(found, sightings, unlisted, notes)
+
+
+def _with_anchors(
+    detections: TagDetections, camera: CameraSpec, carried: CameraPose | None, anchors: Sequence[SeenTag]
+) -> tuple[CameraPose | None, tuple[Event, ...]]:
+    """Return the camera's pose after the anchors in view, and what is wrong with them."""
+    single, repeated = without_repeats(anchors, lambda tag: _expected_px(camera, carried, tag, {}))
+    notes = [_warning(detections, str(key), f"anchor more than once in the picture of {camera.id}") for key in repeated]
+    if not single:
+        return carried, tuple(notes)
+    found: Corrected = (
+        from_anchors_alone(camera.id, detections.stamp_s, single) if carried is None else correct(carried, single)
+    )
+    notes += [
+        _warning(detections, str(key), f"anchor is not where {camera.id} should see it: not used")
+        for key in found.misplaced
+    ]
+    if found.undecided:
+        notes.append(
+            _warning(detections, camera.id, "the anchors in view leave two camera poses to choose from: frame not used")
+        )
+    return found.pose, tuple(notes)
+
+
+def _expected_px(
+    camera: CameraSpec, pose: CameraPose | None, tag: SeenTag, priors: Mapping[str, Transform]
+) -> Array | None:
+    """Return the (2,) pixel where a tag's centre should be; None where camera or body is not known."""
+    name = tag.owner.target_id
+    T_world_owner = np.eye(4) if name is None else priors.get(name)
+    if pose is None or T_world_owner is None:
+        return None
+    T_camera_tag = invert(pose.T_world_camera) @ T_world_owner @ tag.owner.T_owner_tag
+    return camera.lens.project(T_camera_tag[:3, 3])
+
+
+def _warning(detections: TagDetections, about: str, text: str) -> Event:
+    return Event(detections.stamp_s, Level.WARNING, about, text)
+
+
+def _size(size_px: tuple[int, int]) -> str:
+    return f"{size_px[0]}x{size_px[1]}"

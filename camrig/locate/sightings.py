@@ -1,0 +1,178 @@
+"""Bodies in one picture: each solved from all its tags together, its two possible poses told apart by what is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camrig.geometry.arrays import Array, Transform
+from camrig.geometry.corner_noise import tag_width_px
+from camrig.geometry.lens import Lens
+from camrig.geometry.pnp import PoseFit, PosePrior, refine, square_poses, whitened_residuals
+from camrig.geometry.pose import apply, compose, difference, invert, transform
+from camrig.geometry.rotation import rotation_exp
+from camrig.locate.fit import SAME_RAD, angle_between, clearly_better, inflation, residual_limit_px
+from camrig.locate.tags import SeenTag
+from camrig.messages import CameraPose, Sighting
+from camrig.rig import Body
+from camrig.sensing import pixel_quality
+
+UPRIGHT_SIGMA_RAD = 0.02
+"""One sigma of how upright a body on the floor stands: its suspension, the floor, and how well its tag was mounted."""
+
+_CANDIDATES = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenBody:
+    """A target in the picture, with all its tags, and where it was last believed to be (None = not known)."""
+
+    body: Body
+    tags: tuple[SeenTag, ...]
+    T_world_body: Transform | None
+
+    @property
+    def width_px(self) -> float:
+        """The width of its largest tag."""
+        return max(float(tag_width_px(tag.detection.corners_px)) for tag in self.tags)
+
+
+def seen_bodies(
+    tags: Sequence[SeenTag], targets: Mapping[str, Body], priors: Mapping[str, Transform]
+) -> tuple[SeenBody, ...]:
+    """Gather the tags of each target."""
+    gathered: dict[str, list[SeenTag]] = {}
+    for tag in tags:
+        if tag.owner.target_id is not None:
+            gathered.setdefault(tag.owner.target_id, []).append(tag)
+    return tuple(SeenBody(targets[name], tuple(own), priors.get(name)) for name, own in gathered.items())
+
+
+def solve(bodies: Sequence[SeenBody], camera: CameraPose, lens: Lens) -> tuple[tuple[Sighting, ...], tuple[str, ...]]:
+    """Return a sighting of every body whose corners fit, and the ids of those whose corners do not.
+
+    All bodies are refined in one stack, two candidates each; a floor body's fit knows that it stands upright.
+    """
+    started = [(body, _starts(body)) for body in bodies]
+    pairs = [(body, starts) for body, starts in started if starts]
+    misfits = [body.body.id for body, starts in started if not starts]
+    sightings: list[Sighting] = []
+    if not pairs:
+        return (), tuple(misfits)
+    fit = _fit(pairs, camera)
+    for k, (body, _) in enumerate(pairs):
+        rows = slice(_CANDIDATES * k, _CANDIDATES * (k + 1))
+        chosen = _choose(body, _rows(fit, rows), camera)
+        if chosen is None:
+            misfits.append(body.body.id)
+        else:
+            sightings.append(_sighting(body, *chosen, camera, lens))
+    return tuple(sightings), tuple(misfits)
+
+
+def _starts(seen: SeenBody) -> list[Transform]:
+    """Return the two best ``T_camera_body`` that differ, from both solutions of every tag (one twice if alone)."""
+    found = [
+        square.T_camera_tag @ invert(tag.owner.T_owner_tag)
+        for tag in seen.tags
+        for square in square_poses(tag.points.ideal, tag.points.px_per_ideal, tag.owner.size_m)
+    ]
+    if len(seen.tags) > 1 and found:
+        m = len(found)
+        corners, ideal, whitener = (np.repeat(part[None], m, axis=0) for part in _points(seen.tags))
+        residual, _ = whitened_residuals(np.stack(found), corners, ideal, whitener)
+        found = [found[k] for k in np.argsort((residual * residual).sum(axis=(1, 2)))]
+        found = found[:1] + [T for T in found[1:] if angle_between(T, found[0]) > SAME_RAD]
+    return (found * _CANDIDATES)[:_CANDIDATES]
+
+
+def _points(tags: Sequence[SeenTag]) -> tuple[Array, Array, Array]:
+    """Return the corners (n, 3), ideal points (n, 2) and whitener (n, 2, 2) of all tags of one body."""
+    return (
+        np.concatenate([tag.corners_m for tag in tags]),
+        np.concatenate([tag.points.ideal for tag in tags]),
+        np.concatenate([tag.points.whitener for tag in tags]),
+    )
+
+
+def _fit(pairs: Sequence[tuple[SeenBody, list[Transform]]], camera: CameraPose) -> PoseFit:
+    n = 4 * max(len(body.tags) for body, _ in pairs)
+    m = _CANDIDATES * len(pairs)
+    corners, ideal, whitener = np.zeros((m, n, 3)), np.zeros((m, n, 2)), np.zeros((m, n, 2, 2))
+    T, T_prior, information = np.zeros((m, 4, 4)), np.zeros((m, 4, 4)), np.zeros((m, 6, 6))
+    upright = _upright_information(camera)
+    for k, (body, starts) in enumerate(pairs):
+        rows, used = slice(_CANDIDATES * k, _CANDIDATES * (k + 1)), 4 * len(body.tags)
+        corners[rows, :used], ideal[rows, :used], whitener[rows, :used] = _points(body.tags)
+        corners[rows, used:], ideal[rows, used:] = corners[rows, :1], ideal[rows, :1]
+        T[rows] = starts
+        T_prior[rows] = [_stood_up(start, camera.T_world_camera) for start in starts]
+        if body.body.motion == "floor":
+            information[rows, 3:, 3:] = upright
+    return refine(T, corners, ideal, whitener, PosePrior(T_prior, information))
+
+
+def _upright_information(camera: CameraPose) -> Array:
+    """Return (3, 3) information on a floor body's rotation, in camera axes: none about the vertical."""
+    R = camera.T_world_camera[:3, :3]
+    variance = UPRIGHT_SIGMA_RAD**2 + float(np.trace(camera.covariance[3:, 3:])) / 3.0
+    return np.asarray(R.T @ np.diag([1.0, 1.0, 0.0]) @ R / variance)
+
+
+def _stood_up(T_camera_body: Transform, T_world_camera: Transform) -> Transform:
+    """Turn a body by the least rotation that points its z up."""
+    R = T_world_camera[:3, :3]
+    z = R @ T_camera_body[:3, 2]
+    lean = math.hypot(z[0], z[1])
+    axis = np.array([z[1], -z[0], 0.0]) / lean if lean > 1e-9 else np.array([1.0, 0.0, 0.0])
+    R_up = rotation_exp(axis * math.atan2(lean, z[2]))
+    return transform(R.T @ R_up @ R @ T_camera_body[:3, :3], T_camera_body[:3, 3])
+
+
+def _rows(fit: PoseFit, rows: slice) -> PoseFit:
+    return PoseFit(fit.T_camera_body[rows], fit.covariance[rows], fit.chi2[rows], fit.rms_sigma[rows])
+
+
+def _choose(seen: SeenBody, fit: PoseFit, camera: CameraPose) -> tuple[Transform, Array] | None:
+    """Return ``T_camera_body`` and its covariance; None where even the better candidate's corners do not fit.
+
+    Two candidates that the picture (and standing upright) cannot tell apart: the one nearer to the last known
+    orientation, else the better one with a covariance that covers both.
+    """
+    best = int(np.argmin(fit.chi2))
+    other = 1 - best
+    sigma_px = float(np.mean([tag.points.sigma_px[0] for tag in seen.tags]))
+    if fit.rms_sigma[best] * sigma_px > residual_limit_px(np.asarray(seen.width_px)):
+        return None
+    T = fit.T_camera_body
+    rival = angle_between(T[0], T[1]) > SAME_RAD and not clearly_better(fit.chi2[best], fit.chi2[other])
+    if rival and seen.T_world_body is not None:
+        T_expected = invert(camera.T_world_camera) @ seen.T_world_body
+        best = min((0, 1), key=lambda k: angle_between(T[k], T_expected))
+    freedoms = 8 * len(seen.tags) - 6 + (2 if seen.body.motion == "floor" else 0)
+    covariance = fit.covariance[best] * inflation(float(fit.chi2[best]), freedoms)
+    if rival and seen.T_world_body is None:
+        apart = difference(T[other], T[best])
+        covariance = covariance + np.outer(apart, apart)
+    return T[best], covariance
+
+
+def _sighting(seen: SeenBody, T_camera_body: Transform, covariance: Array, camera: CameraPose, lens: Lens) -> Sighting:
+    """Carry a body's pose into the world, the corners' and the camera's uncertainty apart."""
+    none = np.zeros((6, 6))
+    T_world_body, from_corners = compose(camera.T_world_camera, none, T_camera_body, covariance)
+    _, from_camera = compose(camera.T_world_camera, camera.covariance, T_camera_body, none)
+    centres = apply(T_camera_body, np.stack([tag.owner.T_owner_tag[:3, 3] for tag in seen.tags]))
+    return Sighting(
+        target_id=seen.body.id,
+        camera_id=camera.camera_id,
+        stamp_s=camera.stamp_s,
+        T_world_body=T_world_body,
+        covariance=from_corners,
+        camera_covariance=from_camera,
+        quality_m=float(pixel_quality(lens, centres).min()),
+        tags=len(seen.tags),
+    )
