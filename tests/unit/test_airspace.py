@@ -45,7 +45,7 @@ def test_least_distance_is_that_of_the_nearest_pair_of_points(
     sampled = np.linalg.norm(pairs, axis=-1).min()
     least = airspace.least_distance(a, b, c, d)
     assert least <= sampled + 1e-9
-    assert least == pytest.approx(sampled, abs=0.02 * (np.linalg.norm(b - a) + np.linalg.norm(d - c)) + 1e-9)
+    assert least == pytest.approx(sampled, abs=float(0.02 * (np.linalg.norm(b - a) + np.linalg.norm(d - c))) + 1e-9)
 
 
 def test_crossing_flights_have_no_distance() -> None:

@@ -1,0 +1,26 @@
+"""Targets and rig -> RigPlan: where every camera should look or hover. Pure; numpy and scipy."""
+
+from camrig.optimise.planner import plan, quality_at
+from camrig.optimise.scene import (
+    DronePlace,
+    FixedPlace,
+    HeadPlace,
+    PlannerSettings,
+    Scene,
+    SceneCamera,
+    SceneTarget,
+    scene_of,
+)
+
+__all__ = [
+    "DronePlace",
+    "FixedPlace",
+    "HeadPlace",
+    "PlannerSettings",
+    "Scene",
+    "SceneCamera",
+    "SceneTarget",
+    "plan",
+    "quality_at",
+    "scene_of",
+]
