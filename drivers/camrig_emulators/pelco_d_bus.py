@@ -1,0 +1,117 @@
+"""One serial line with its heads, byte by byte in time. Pure: it is told the time and never asks for it.
+
+Bytes take 10 bit times each way (8N1): what the master writes at once is heard one byte after the other, a command
+counts from the end of its last byte, and an answer is delivered when its last byte has come through.
+"""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from camrig.errors import InputError
+from camrig_emulators.faults import Faults
+from camrig_emulators.pelco_d_device import PelcoDHead
+from camrig_emulators.pelco_d_settings import PelcoDHeadSettings
+from camrig_emulators.pelco_d_wire import Command, CommandParser
+
+BITS_PER_BYTE = 10
+LOG_LENGTH = 20_000
+
+Stamped = tuple[float, bytes]
+
+
+@dataclass(slots=True)
+class Transmission:
+    """Bytes on their way to the master; ``sender`` is None for an adapter's echo."""
+
+    sender: str | None
+    start_s: float
+    end_s: float
+    data: bytes
+
+
+class PelcoDBus:
+    """Advances by events: ``receive`` what the master wrote, ``transmit`` what has come through by now."""
+
+    def __init__(self, heads: Sequence[PelcoDHeadSettings], faults: Faults, seed: int = 0) -> None:
+        if len({head.id for head in heads}) < len(heads):
+            raise InputError(f"heads of one emulated line need ids of their own, not {[head.id for head in heads]}")
+        if len(bauds := {head.baud for head in heads}) != 1:
+            raise InputError(f"heads of one emulated line share one baud rate, not {sorted(bauds)}")
+        self.baud = heads[0].baud
+        self.byte_s = BITS_PER_BYTE / self.baud
+        self.heads = {head.id: PelcoDHead(head, random.Random(f"{seed} {head.id}")) for head in heads}
+        self.received: deque[Stamped] = deque(maxlen=LOG_LENGTH)
+        self.sent: deque[Stamped] = deque(maxlen=LOG_LENGTH)
+        self._faults = faults
+        self._rng = random.Random(seed)
+        self._parser = CommandParser()
+        self._incoming: deque[tuple[int, float]] = deque()
+        self._incoming_free_s = 0.0
+        self._outgoing: list[Transmission] = []
+
+    def receive(self, data: bytes, now_s: float, baud: int) -> None:
+        """Take what the master wrote at ``now_s``, its port set to ``baud``; another baud than ours is noise."""
+        data = self._through(data, baud)
+        start_s = max(now_s, self._incoming_free_s)
+        for count, byte in enumerate(data, start=1):
+            self._incoming.append((byte, start_s + count * self.byte_s))
+        self._incoming_free_s = start_s + len(data) * self.byte_s
+        if self._faults.echo:
+            self._outgoing.append(Transmission(None, start_s, self._incoming_free_s, data))
+
+    def advance(self, now_s: float) -> None:
+        """Let the heads hear everything that has come through by ``now_s``."""
+        while self._incoming and self._incoming[0][1] <= now_s:
+            byte, end_s = self._incoming.popleft()
+            command = self._parser.feed(byte, end_s - self.byte_s, end_s)
+            if command is not None:
+                self._hear(command)
+
+    def transmit(self, now_s: float, baud: int) -> bytes:
+        """Return what the master's port has received since the last call, in order, its port set to ``baud``."""
+        self.advance(now_s)
+        due = sorted((item for item in self._outgoing if item.end_s <= now_s), key=lambda item: item.end_s)
+        self._outgoing = [item for item in self._outgoing if item.end_s > now_s]
+        self.sent.extend((item.end_s, item.data) for item in due if item.sender is not None)
+        return b"".join(self._through(item.data, baud) for item in due)
+
+    def next_s(self) -> float | None:
+        """Return when the next command or answer will have come through; None while the line is quiet."""
+        ends_s = [item.end_s for item in self._outgoing]
+        if self._incoming:
+            ends_s.append(self._incoming[min(self._parser.missing, len(self._incoming)) - 1][1])
+        return min(ends_s, default=None)
+
+    def cut(self) -> None:
+        """Lose all that is under way in both directions: the port was unplugged."""
+        self._incoming.clear()
+        self._outgoing.clear()
+        self._incoming_free_s = 0.0
+
+    def _hear(self, command: Command) -> None:
+        self.received.append((command.end_s, command.raw))
+        if self._faults.take_drop():
+            return
+        for name, head in self.heads.items():
+            answer = head.handle(command, frozen=self._faults.freeze)
+            if answer is not None and not self._faults.silent:
+                self._send(name, answer.start_s + self._faults.latency_s, self._faults.cut(answer.data))
+
+    def _send(self, name: str, start_s: float, data: bytes) -> None:
+        """Put an answer on the wire after this head's earlier ones; two heads at once make noise of both."""
+        start_s = max([start_s, *(item.end_s for item in self._outgoing if item.sender == name)])
+        answer = Transmission(name, start_s, start_s + len(data) * self.byte_s, data)
+        for other in self._outgoing:
+            if other.sender not in {None, name} and other.start_s < answer.end_s and answer.start_s < other.end_s:
+                other.data, answer.data = self._noise(other.data), self._noise(answer.data)
+        self._outgoing.append(answer)
+
+    def _through(self, data: bytes, baud: int) -> bytes:
+        return self._faults.spoil(data if baud == self.baud else self._noise(data), self._rng)
+
+    def _noise(self, data: bytes) -> bytes:
+        return self._rng.randbytes(len(data))
