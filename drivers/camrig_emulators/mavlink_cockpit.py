@@ -1,0 +1,202 @@
+"""What both emulated firmwares have in common: arming, touching the floor, what they say, simple manoeuvres."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from camrig.geometry.arrays import Array
+from camrig_emulators.mavlink_dynamics import Airframe, Demand
+from camrig_emulators.mavlink_frames import LocalFrame
+from camrig_emulators.mavlink_history import Sample
+from camrig_emulators.mavlink_params import Params
+from camrig_emulators.mavlink_settings import MavlinkDroneSettings
+
+ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4  # MAV_RESULT
+CRITICAL, WARNING, INFO = 2, 4, 6  # MAV_SEVERITY
+FORCE = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM
+
+REACHED_M = 0.1
+_LANDED_AFTER_S = 0.2
+_NEAR_HOME_M = 0.3
+
+CommandParams = tuple[float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetPoint:
+    """SET_POSITION_TARGET_LOCAL_NED as it came; triples (3,) in the message's own frame."""
+
+    coordinate_frame: int
+    type_mask: int
+    position: Array
+    velocity: Array
+    yaw_rad: float
+    yaw_rate_rad_s: float
+
+
+class Firmware(Protocol):
+    """The habits of one autopilot; ``Cockpit`` tells it what is, ``step`` says what it wants."""
+
+    autopilot: int
+    default_streams_hz: dict[int, float]
+    text_ending: str
+    heartbeat_delay_s: float
+    """From a change of mode to the extra HEARTBEAT that tells of it."""
+    double_ack_rate: float
+    """How often DO_SET_MODE is acknowledged twice."""
+
+    @property
+    def custom_mode(self) -> int:
+        """HEARTBEAT's."""
+        ...
+
+    @property
+    def mode_name(self) -> str:
+        """For a person."""
+        ...
+
+    @property
+    def landed_state(self) -> int:
+        """EXTENDED_SYS_STATE's MAV_LANDED_STATE."""
+        ...
+
+    @property
+    def talks(self) -> bool:
+        """Whether STATUSTEXTs go out now; they wait otherwise."""
+        ...
+
+    def step(self) -> Demand | None:
+        """Advance to the cockpit's time; None: rotors stand still."""
+        ...
+
+    def command(self, command: int, params: CommandParams) -> int | None:
+        """Carry out a COMMAND_LONG; returns the MAV_RESULT, None for no COMMAND_ACK at all."""
+        ...
+
+    def set_point(self, point: SetPoint) -> None:
+        """Take a set-point, or not; there is never an answer."""
+        ...
+
+    def ground_station_beat(self, system: int) -> None:
+        """Take note of a ground station's HEARTBEAT."""
+        ...
+
+
+@dataclass(eq=False)
+class Cockpit:
+    """State that both firmwares read and write; times are of the emulator's clock, places in the world."""
+
+    settings: MavlinkDroneSettings
+    airframe: Airframe
+    frame: LocalFrame
+    params: Params
+    sample: Sample
+    ready_at_s: float
+    armed: bool = False
+    landed: bool = True
+    critical: bool = False
+    home_m: Array | None = None
+    texts: deque[tuple[int, str]] = field(default_factory=lambda: deque(maxlen=100))
+    _armed_at_s: float = -math.inf
+    _touched_s: float = -math.inf
+    _flown: bool = False
+
+    @property
+    def now_s(self) -> float:
+        """The time of the newest sample."""
+        return self.sample.stamp_s
+
+    @property
+    def ready(self) -> bool:
+        """Whether the estimator knows where it is."""
+        return self.now_s >= self.ready_at_s
+
+    @property
+    def yaw_rad(self) -> float:
+        """Estimated heading in the world."""
+        return self.sample.truth.yaw_rad + float(self.sample.attitude_error_rad[2])
+
+    @property
+    def flown(self) -> bool:
+        """Whether it has left the floor since it was armed."""
+        return self._flown
+
+    @property
+    def armed_s(self) -> float:
+        """Seconds since it was armed."""
+        return self.now_s - self._armed_at_s
+
+    @property
+    def landed_s(self) -> float:
+        """Seconds since the floor or the arming, whichever came last."""
+        return self.now_s - max(self._touched_s, self._armed_at_s)
+
+    def update(self, sample: Sample) -> None:
+        """Take the newest sample; works out whether it stands on the floor."""
+        self.sample = sample
+        if self.home_m is None and self.ready:
+            self.home_m = sample.position_m
+        if not self.airframe.on_floor:
+            self._touched_s = math.inf
+            self._flown = self.armed
+        elif self._touched_s == math.inf:
+            self._touched_s = self.now_s
+        self.landed = self.now_s - self._touched_s >= _LANDED_AFTER_S
+
+    def say(self, severity: int, text: str) -> None:
+        """Queue a STATUSTEXT."""
+        self.texts.append((severity, text))
+
+    def arm(self) -> None:
+        """Arm here; this place becomes home."""
+        self.armed, self._flown, self._armed_at_s = True, False, self.now_s
+        self.home_m = self.sample.position_m
+
+    def disarm(self) -> None:
+        """Stop the rotors, wherever it is."""
+        self.armed = self.critical = False
+
+    def stop_here(self) -> Demand:
+        """Come to rest as soon as the acceleration limit allows, heading kept."""
+        velocity = self.sample.velocity_m_s
+        braking_s = float(np.linalg.norm(velocity)) / (2.0 * self.settings.acceleration_m_s2)
+        return Demand(position_m=self.sample.position_m + velocity * braking_s, yaw_rad=self.yaw_rad)
+
+    def sink(self, place: Demand, speed_m_s: float) -> Demand | None:
+        """Descend over a place until the floor carries it."""
+        if self.landed:
+            return None
+        x, y, _ = place.position_m
+        down = np.array([np.nan, np.nan, -speed_m_s])
+        return Demand(position_m=np.array([x, y, np.nan]), velocity_m_s=down, yaw_rad=place.yaw_rad)
+
+
+@dataclass(eq=False)
+class ReturnHome:
+    """Climb to ``altitude_m`` over home, fly there, land: what neither room nor camera likes."""
+
+    altitude_m: float
+    land_speed_m_s: float
+    start: Demand
+    _climbed: bool = False
+    _over_home: bool = False
+
+    def demand(self, cockpit: Cockpit) -> Demand | None:
+        """Return what to fly now."""
+        if cockpit.landed or cockpit.home_m is None:
+            return None
+        home = cockpit.home_m
+        height_m = max(float(home[2]) + self.altitude_m, float(self.start.position_m[2]))
+        position = cockpit.sample.position_m
+        self._climbed = self._climbed or abs(height_m - float(position[2])) < _NEAR_HOME_M
+        self._over_home = self._climbed and (
+            self._over_home or float(np.linalg.norm(home[:2] - position[:2])) < _NEAR_HOME_M
+        )
+        over = home[:2] if self._climbed else self.start.position_m[:2]
+        place = Demand(position_m=np.array([over[0], over[1], height_m]), yaw_rad=self.start.yaw_rad)
+        return cockpit.sink(place, self.land_speed_m_s) if self._over_home else place

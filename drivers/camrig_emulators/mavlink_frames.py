@@ -1,0 +1,80 @@
+"""MAVLink's frames: local NED about an origin in the world (ENU), and attitudes of FRD bodies in NED.
+
+East-north-up to north-east-down swaps x and y and turns z round; it is its own inverse.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from camrig.geometry.arrays import Array
+
+SWAP: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_FLU_FRD: Array = np.diag([1.0, -1.0, -1.0])
+_METRES_PER_DEGREE = 111_319.49
+
+
+def swap(vector: Array) -> Array:
+    """Turn a (3,) vector from ENU to NED or back."""
+    return np.array([vector[1], vector[0], -vector[2]])
+
+
+def swap_yaw(yaw_rad: float) -> float:
+    """Turn a yaw from ENU (0 = east, counter-clockwise) to NED (0 = north, clockwise) or back, in [-pi, pi)."""
+    return (math.pi / 2.0 - yaw_rad + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def R_ned_frd(R_world_body: Array) -> Array:
+    """Turn a (3, 3) attitude of a forward-left-up body in ENU into one of forward-right-down in NED."""
+    return np.asarray(SWAP @ R_world_body @ _FLU_FRD)
+
+
+def euler(R: Array) -> tuple[float, float, float]:
+    """Return roll, pitch, yaw of R = Rz(yaw) Ry(pitch) Rx(roll), radians."""
+    return (
+        math.atan2(R[2, 1], R[2, 2]),
+        math.asin(max(-1.0, min(1.0, -float(R[2, 0])))),
+        math.atan2(R[1, 0], R[0, 0]),
+    )
+
+
+def quaternion(R: Array) -> tuple[float, float, float, float]:
+    """Return w, x, y, z (w >= 0) of a (3, 3) rotation, by way of its roll, pitch and yaw."""
+    roll, pitch, yaw = (angle / 2.0 for angle in euler(R))
+    cr, sr, cp, sp, cy, sy = (f(angle) for angle in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    w = cr * cp * cy + sr * sp * sy
+    sign = 1.0 if w >= 0.0 else -1.0
+    return (
+        sign * w,
+        sign * (sr * cp * cy - cr * sp * sy),
+        sign * (cr * sp * cy + sr * cp * sy),
+        sign * (cr * cp * sy - sr * sp * cy),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalFrame:
+    """The estimator's local frame: its origin in the world and, on a flat earth, on the globe."""
+
+    origin_m: Array
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+    def to_ned(self, position_m: Array) -> Array:
+        """Turn a (3,) place in the world into local NED."""
+        return swap(position_m - self.origin_m)
+
+    def to_world(self, position_ned: Array) -> Array:
+        """Turn a (3,) local NED place into the world; NaNs stay on their axes."""
+        return swap(position_ned) + self.origin_m
+
+    def to_globe(self, position_m: Array) -> tuple[int, int, int]:
+        """Return latitude and longitude in 1e-7 degrees and altitude above sea in millimetres."""
+        north_m, east_m, down_m = (float(value) for value in self.to_ned(position_m))
+        latitude = self.latitude_deg + north_m / _METRES_PER_DEGREE
+        longitude = self.longitude_deg + east_m / (_METRES_PER_DEGREE * math.cos(math.radians(self.latitude_deg)))
+        return round(latitude * 1e7), round(longitude * 1e7), round((self.altitude_m - down_m) * 1e3)

@@ -1,0 +1,181 @@
+"""Telemetry of the emulated drone: one function a message, each from the vehicle and the newest reportable sample."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from pymavlink.dialects.v20 import common as dialect
+
+from camrig.geometry.arrays import Array
+from camrig_emulators.mavlink_frames import R_ned_frd, euler, quaternion, swap
+from camrig_emulators.mavlink_history import Sample
+from camrig_emulators.mavlink_vehicle import Vehicle
+
+Message: TypeAlias = Any
+"""A message of the generated dialect, which is untyped."""
+
+_QUADROTOR = 2
+_CUSTOM, _STABILIZE, _GUIDED, _ARMED = 1, 16, 8, 128  # MAV_MODE_FLAG
+_STANDBY, _ACTIVE, _STATE_CRITICAL = 3, 4, 5  # MAV_STATE
+_SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x100000 | 0x200000 | 0x2000000  # gyro … GPS, fence, AHRS, battery
+_PREARM = 0x10000000
+_ENDURANCE_S = 1200.0
+_FULL_V, _EMPTY_V = 16.8, 14.0
+_UNKNOWN_CELL = 0xFFFF
+_VERSIONS = {3: 0x04070000, 12: 0x011100FF}  # ArduCopter 4.7 dev, PX4 1.17.0
+_CAPABILITIES = 0x2 | 0x8 | 0x80 | 0x100 | 0x2000 | 0x40000  # float params, COMMAND_INT, local and global targets …
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Report:
+    """What a message may tell: ``sample`` is what telemetry knows now, ``earlier`` the step before it."""
+
+    vehicle: Vehicle
+    sample: Sample
+    earlier: Sample
+
+    @property
+    def boot_ms(self) -> int:
+        """The sample's stamp on the vehicle's clock."""
+        return self.vehicle.boot_ms(self.sample.stamp_s)
+
+    @property
+    def attitude(self) -> Array:
+        """(3, 3) estimated R_ned_frd."""
+        return R_ned_frd(self.sample.R_world_body)
+
+    @property
+    def rates(self) -> tuple[float, float, float]:
+        """Estimated body rates about forward, right, down."""
+        dt_s = self.sample.stamp_s - self.earlier.stamp_s
+        if dt_s <= 0.0:
+            return 0.0, 0.0, 0.0
+        turn = R_ned_frd(self.earlier.R_world_body).T @ self.attitude
+        x, y, z = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / (2.0 * dt_s)
+        return float(x), float(y), float(z)
+
+    @property
+    def battery(self) -> float:
+        """Charge left, from 1 to 0."""
+        start_s = self.vehicle.history.start_s
+        return max(0.0, 1.0 - (self.sample.stamp_s - start_s) / _ENDURANCE_S)
+
+    @property
+    def battery_V(self) -> float:
+        """Voltage."""
+        return _EMPTY_V + (_FULL_V - _EMPTY_V) * self.battery
+
+
+def heartbeat(report: Report) -> Message:
+    """HEARTBEAT (0)."""
+    vehicle = report.vehicle
+    cockpit, firmware = vehicle.cockpit, vehicle.firmware
+    base = _CUSTOM | _STABILIZE | _GUIDED | (_ARMED if cockpit.armed else 0)
+    state = _STATE_CRITICAL if cockpit.critical else _ACTIVE if cockpit.armed else _STANDBY
+    return dialect.MAVLink_heartbeat_message(_QUADROTOR, firmware.autopilot, base, firmware.custom_mode, state, 3)
+
+
+def sys_status(report: Report) -> Message:
+    """SYS_STATUS (1)."""
+    present = _SENSORS | _PREARM
+    healthy = present if report.vehicle.cockpit.ready else present & ~(_PREARM | 0x20 | 0x200000)
+    charge = round(100.0 * report.battery)
+    return dialect.MAVLink_sys_status_message(
+        present, present, healthy, 200, round(1e3 * report.battery_V), 1500, charge, 0, 0, 0, 0, 0, 0
+    )
+
+
+def gps_raw_int(report: Report) -> Message:
+    """GPS_RAW_INT (24), made up."""
+    latitude, longitude, altitude = report.vehicle.cockpit.frame.to_globe(report.sample.position_m)
+    usec = report.boot_ms * 1000
+    return dialect.MAVLink_gps_raw_int_message(usec, 3, latitude, longitude, altitude, 90, 120, 0, 0xFFFF, 12)
+
+
+def attitude(report: Report) -> Message:
+    """ATTITUDE (30)."""
+    return dialect.MAVLink_attitude_message(report.boot_ms, *euler(report.attitude), *report.rates)
+
+
+def attitude_quaternion(report: Report) -> Message:
+    """ATTITUDE_QUATERNION (31)."""
+    return dialect.MAVLink_attitude_quaternion_message(report.boot_ms, *quaternion(report.attitude), *report.rates)
+
+
+def local_position_ned(report: Report) -> Message:
+    """LOCAL_POSITION_NED (32), once there is an estimate."""
+    if not report.vehicle.cockpit.ready:
+        return None
+    position = report.vehicle.cockpit.frame.to_ned(report.sample.position_m)
+    velocity = swap(report.sample.velocity_m_s)
+    return dialect.MAVLink_local_position_ned_message(report.boot_ms, *map(float, (*position, *velocity)))
+
+
+def global_position_int(report: Report) -> Message:
+    """GLOBAL_POSITION_INT (33), on a flat earth."""
+    cockpit = report.vehicle.cockpit
+    if not cockpit.ready or cockpit.home_m is None:
+        return None
+    position_m = report.sample.position_m
+    above_home_mm = round(1e3 * float(position_m[2] - cockpit.home_m[2]))
+    velocity_cm_s = [round(100.0 * float(value)) for value in swap(report.sample.velocity_m_s)]
+    heading_cdeg = round(100.0 * math.degrees(euler(report.attitude)[2])) % 36000
+    return dialect.MAVLink_global_position_int_message(
+        report.boot_ms, *cockpit.frame.to_globe(position_m), above_home_mm, *velocity_cm_s, heading_cdeg
+    )
+
+
+def battery_status(report: Report) -> Message:
+    """BATTERY_STATUS (147)."""
+    voltages = [round(1e3 * report.battery_V)] + [_UNKNOWN_CELL] * 9
+    return dialect.MAVLink_battery_status_message(0, 0, 1, 2500, voltages, 1500, -1, -1, round(100.0 * report.battery))
+
+
+def home_position(report: Report) -> Message:
+    """HOME_POSITION (242), once home is set."""
+    cockpit = report.vehicle.cockpit
+    if cockpit.home_m is None:
+        return None
+    north, east, down = map(float, cockpit.frame.to_ned(cockpit.home_m))
+    globe = cockpit.frame.to_globe(cockpit.home_m)
+    return dialect.MAVLink_home_position_message(*globe, north, east, down, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
+
+
+def autopilot_version(report: Report) -> Message:
+    """AUTOPILOT_VERSION (148)."""
+    vehicle = report.vehicle
+    uid = vehicle.settings.system
+    version = _VERSIONS[vehicle.firmware.autopilot]
+    none = [0] * 8
+    return dialect.MAVLink_autopilot_version_message(_CAPABILITIES, version, 0, 0, 0, none, none, none, 0, 0, uid)
+
+
+def extended_sys_state(report: Report) -> Message:
+    """EXTENDED_SYS_STATE (245)."""
+    return dialect.MAVLink_extended_sys_state_message(0, report.vehicle.firmware.landed_state)
+
+
+def timesync(report: Report) -> Message:
+    """TIMESYNC (111), the vehicle's own question."""
+    return dialect.MAVLink_timesync_message(0, report.vehicle.boot_ns(report.sample.stamp_s))
+
+
+TELEMETRY: dict[int, Callable[[Report], Message]] = {
+    0: heartbeat,
+    1: sys_status,
+    24: gps_raw_int,
+    30: attitude,
+    31: attitude_quaternion,
+    32: local_position_ned,
+    33: global_position_int,
+    111: timesync,
+    147: battery_status,
+    148: autopilot_version,
+    242: home_position,
+    245: extended_sys_state,
+}
+"""Every message that can be asked for, by its number."""

@@ -1,0 +1,121 @@
+"""The UDP port of an emulated drone: one thread between a socket and the protocol, and the faults of the link."""
+
+from __future__ import annotations
+
+import contextlib
+import heapq
+import os
+import random
+import selectors
+import socket
+import threading
+
+from camrig.clock import Clock
+from camrig_emulators.faults import Faults
+from camrig_emulators.mavlink_protocol import Datagram, MavlinkProtocol
+
+_DATAGRAM_BYTES = 2048
+_LONGEST_WAIT_S = 0.1
+
+
+class UdpPort:
+    """Serves one protocol on a port of 127.0.0.1 until ``close``; ``lock`` guards the protocol and its vehicle."""
+
+    def __init__(
+        self, name: str, protocol: MavlinkProtocol, lock: threading.Lock, clock: Clock, faults: Faults, seed: int
+    ) -> None:
+        self._protocol = protocol
+        self._lock = lock
+        self._clock = clock
+        self._faults = faults
+        self._rng = random.Random(seed)
+        self._late: list[tuple[float, int, Datagram]] = []  # a heap, by the time of sending
+        self._sent = 0
+        self._socket: socket.socket | None = _bound(0)
+        self.port: int = self._socket.getsockname()[1]
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_read, False)
+        self._stopping = threading.Event()
+        faults.watch(self._wake)
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop the thread and release the port."""
+        self._stopping.set()
+        self._wake()
+        self._thread.join()
+        wake_write, self._wake_write = self._wake_write, -1
+        os.close(wake_write)
+        os.close(self._wake_read)
+
+    def _wake(self) -> None:
+        with contextlib.suppress(OSError):  # a fault may be set after the end
+            os.write(self._wake_write, b"!")
+
+    def _run(self) -> None:
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._wake_read, selectors.EVENT_READ)
+            while not self._stopping.is_set():
+                self._plug(selector)
+                self._listen()
+                self._speak()
+                selector.select(self._wait_s())
+                with contextlib.suppress(BlockingIOError):
+                    os.read(self._wake_read, 1024)
+        if self._socket is not None:
+            self._socket.close()
+
+    def _plug(self, selector: selectors.BaseSelector) -> None:
+        known = self._socket is not None and self._socket.fileno() in selector.get_map()
+        if self._faults.plugged and self._socket is None:
+            self._socket = _bound(self.port)
+        elif not self._faults.plugged and self._socket is not None:
+            if known:
+                selector.unregister(self._socket)
+            self._socket.close()
+            self._socket = None
+            self._late.clear()
+        if self._socket is not None and self._socket.fileno() not in selector.get_map():
+            selector.register(self._socket, selectors.EVENT_READ)
+
+    def _listen(self) -> None:
+        while self._socket is not None:
+            try:
+                data, address = self._socket.recvfrom(_DATAGRAM_BYTES)
+            except OSError:  # nothing more to read, or a peer that is gone
+                return
+            with self._lock:
+                out = self._protocol.receive(self._clock.now_s(), address, self._faults.spoil(data, self._rng))
+            self._post(out)
+
+    def _speak(self) -> None:
+        with self._lock:
+            out = self._protocol.poll(self._clock.now_s())
+        self._post(out)
+        while self._late and self._late[0][0] <= self._clock.now_s():
+            address, data = heapq.heappop(self._late)[2]
+            if self._socket is not None and not self._faults.silent:
+                with contextlib.suppress(OSError):  # datagrams may be lost
+                    self._socket.sendto(self._faults.spoil(data, self._rng), address)
+
+    def _post(self, datagrams: list[Datagram]) -> None:
+        due_s = self._clock.now_s() + self._faults.latency_s
+        for datagram in datagrams:
+            self._sent += 1
+            heapq.heappush(self._late, (due_s, self._sent, datagram))
+
+    def _wait_s(self) -> float:
+        now_s = self._clock.now_s()
+        with self._lock:
+            due_s = self._protocol.next_due_s(now_s)
+        if self._late:
+            due_s = min(due_s, self._late[0][0])
+        return max(0.0, min(_LONGEST_WAIT_S, due_s - now_s))
+
+
+def _bound(port: int) -> socket.socket:
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.setblocking(False)
+    opened.bind(("127.0.0.1", port))
+    return opened
