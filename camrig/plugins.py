@@ -42,7 +42,10 @@ def _load(group: Group, name: str, kind: type[KindT]) -> KindT:
     if name not in installed:
         known = ", ".join(sorted(installed)) or "none"
         raise InputError(f"no driver '{name}' among the installed {group}; installed: {known}")
-    plugin = installed[name].load()
+    try:
+        plugin = installed[name].load()
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"the driver '{name}' of {group} cannot be loaded: {error}") from error
     if not isinstance(plugin, kind):
         raise InputError(f"entry point camrig.{group}:{name} is no camrig.interfaces.{kind.__name__}")
     return plugin

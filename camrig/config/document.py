@@ -94,8 +94,9 @@ def load_document(path: Path) -> Document:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ConfigError([Fault(file, 0, "", f"cannot be read: {reason}")]) from error
-    loader = yaml.SafeLoader(text)
+    loader: yaml.SafeLoader | None = None
     try:
+        loader = yaml.SafeLoader(text)
         root = loader.get_single_node()
         if not isinstance(root, yaml.MappingNode):
             raise ConfigError([Fault(file, 1, "", "must hold a mapping of keys at its top level")])
@@ -112,7 +113,8 @@ def load_document(path: Path) -> Document:
     except (yaml.YAMLError, ValueError) as error:
         raise ConfigError([Fault(file, 0, "", f"is not valid YAML: {error}")]) from error
     finally:
-        loader.dispose()
+        if loader is not None:
+            loader.dispose()
 
 
 def _collect(
@@ -128,10 +130,11 @@ def _collect(
         for index, item in enumerate(node.value):
             _collect(loader, item, (*at, index), lines, faults, file)
     elif isinstance(node, yaml.MappingNode):
-        own = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        seen: set[str] = set()
         for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode) and own.count(key.value) > 1 and key.value != "<<":
+            if isinstance(key, yaml.ScalarNode) and key.value in seen:
                 faults.append(Fault(file, key.start_mark.line + 1, str(key.value), "this key stands twice"))
+            seen.add(str(key.value))
         loader.flatten_mapping(node)
         for key, value in node.value:
             if isinstance(key, yaml.ScalarNode):

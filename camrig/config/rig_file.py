@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import BaseModel
 
@@ -30,6 +30,7 @@ from camrig.rig import CameraSpec, Rig
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 PluginT = TypeVar("PluginT")
+SectionedT = TypeVar("SectionedT", Plugin[Any], WorldPlugin)
 DeviceGroup = Literal["cameras", "heads", "drones"]
 
 _TOP_LEVEL = (
@@ -61,11 +62,11 @@ class DeviceConfig:
 
 
 @dataclass(frozen=True)
-class PluginConfig:
+class PluginConfig(Generic[PluginT]):
     """A detector, a sink or a world: its plugin and its checked section."""
 
     name: str
-    plugin: Plugin[Any] | WorldPlugin
+    plugin: PluginT
     section: Any
 
 
@@ -77,9 +78,9 @@ class RigConfig:
     rig: Rig
     planner: PlannerModel
     devices: Mapping[DeviceGroup, Mapping[str, DeviceConfig]]
-    detector: PluginConfig
-    outputs: tuple[PluginConfig, ...]
-    world: PluginConfig | None
+    detector: PluginConfig[Plugin[Any]]
+    outputs: tuple[PluginConfig[Plugin[Any]], ...]
+    world: PluginConfig[WorldPlugin] | None
 
     def with_ports(self, ports: Mapping[str, str]) -> RigConfig:
         """Return the configuration with the ports and urls that a started world gave its devices."""
@@ -124,9 +125,9 @@ class _Reader:
         world = self._world()
         sources = {at: camera.source for at, camera in cameras.items()}
         devices: dict[DeviceGroup, dict[KeyPath, DeviceConfig]] = {
-            "cameras": self._devices("cameras", {(*at, "source"): source for at, source in sources.items()}, world),
-            "heads": self._devices("heads", heads, world),
-            "drones": self._devices("drones", drones, world),
+            "cameras": self._devices("cameras", {(*at, "source"): source for at, source in sources.items()}),
+            "heads": self._devices("heads", heads),
+            "drones": self._devices("drones", drones),
         }
         detector = self._plugin("detectors", ("detector",), {"driver": "pyapriltags"})
         outputs = self._outputs()
@@ -215,9 +216,7 @@ class _Reader:
         found = {(key, index): self._model(model, (key, index)) for index in range(len(section))}
         return {at: item for at, item in found.items() if item is not None}
 
-    def _devices(
-        self, group: DeviceGroup, models: Mapping[KeyPath, DeviceModel], world: PluginConfig | None
-    ) -> dict[KeyPath, DeviceConfig]:
+    def _devices(self, group: DeviceGroup, models: Mapping[KeyPath, DeviceModel]) -> dict[KeyPath, DeviceConfig]:
         devices = {}
         for at, model in models.items():
             raw = model.driver_keys()
@@ -225,7 +224,7 @@ class _Reader:
             if driver is None:
                 continue
             key = _FILLED_BY_WORLD[group]
-            emulated = world is not None and key in driver.section.model_fields and not raw.get(key)
+            emulated = "world" in self.document.data and key in driver.section.model_fields and not raw.get(key)
             section, faults = self.document.validate(driver.section, {**raw, key: "emulated"} if emulated else raw, at)
             self.faults += faults
             if section is not None:
@@ -234,7 +233,7 @@ class _Reader:
 
     def _plugin(
         self, group: Literal["detectors", "sinks"], at: KeyPath, default: dict[str, Any] | None = None
-    ) -> PluginConfig | None:
+    ) -> PluginConfig[Plugin[Any]] | None:
         data = self._node(at) if at[0] in self.document.data else default
         model, faults = self.document.validate(DeviceModel, data, at)
         self.faults += faults
@@ -243,7 +242,7 @@ class _Reader:
         plugin = self._found(at, partial(plugins.load_plugin, group, model.driver))
         return self._with_section(model, plugin, at)
 
-    def _world(self) -> PluginConfig | None:
+    def _world(self) -> PluginConfig[WorldPlugin] | None:
         model = self._model(DeviceModel, ("world",))
         if model is None:
             return None
@@ -251,15 +250,15 @@ class _Reader:
         return self._with_section(model, plugin, ("world",))
 
     def _with_section(
-        self, model: DeviceModel, plugin: Plugin[Any] | WorldPlugin | None, at: KeyPath
-    ) -> PluginConfig | None:
+        self, model: DeviceModel, plugin: SectionedT | None, at: KeyPath
+    ) -> PluginConfig[SectionedT] | None:
         if plugin is None:
             return None
         section, faults = self.document.validate(plugin.section, model.driver_keys(), at)
         self.faults += faults
         return None if section is None else PluginConfig(model.driver, plugin, section)
 
-    def _outputs(self) -> tuple[PluginConfig, ...]:
+    def _outputs(self) -> tuple[PluginConfig[Plugin[Any]], ...]:
         section = self.document.data.get("outputs") or []
         if not isinstance(section, list):
             self._fault(("outputs",), "must be a list")

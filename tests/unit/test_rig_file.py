@@ -1,0 +1,155 @@
+"""The rig's YAML: every fault in one go, each with file, line and key; and what a good file becomes."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camrig.config.document import load_document
+from camrig.config.rig_file import load_rig
+from camrig.errors import ConfigError
+from camrig.rig import DroneMount, HeadMount
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+GOOD = """\
+rig: lab
+space: {floor_m: [[0, 0], [5, 3]]}
+lenses:
+  lab: {size_px: [1280, 800], fx: 827.7, fy: 827.9, cx: 640, cy: 400, distortion: [-0.336, 0.101, 0, 0, 0]}
+cameras:
+  - {id: north, lens: lab, source: {driver: fake}, mount: {head: pt1}}
+  - {id: south, lens: lab, source: {driver: fake}, mount: {head: pt2}}
+heads:
+  - {id: pt1, driver: pelco_d, port: /dev/ttyUSB0, address: 1, position_m: [1, 1, 2.8], pan_deg: [-170, 170], tilt_deg: [-90, 10]}
+  - {id: pt2, driver: pelco_d, port: /dev/ttyUSB0, address: 2, position_m: [4, 1, 2.8]}
+targets:
+  - {id: robot1, tags: [{id: 7, size_m: 0.12}]}
+anchors:
+  - {id: 100, size_m: 0.2, T_world_tag: {position_m: [0, 0, 0]}}
+"""
+
+
+def _write(folder: Path, text: str) -> Path:
+    path = folder / "rig.yaml"
+    path.write_text(text)
+    return path
+
+
+def _faults(folder: Path, text: str) -> list[str]:
+    path = _write(folder, text)
+    with pytest.raises(ConfigError) as caught:
+        load_rig(path)
+    return [str(fault).removeprefix(f"{path}:") for fault in caught.value.faults]
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.name)
+def test_every_shipped_configuration_is_consistent(path: Path) -> None:
+    assert load_rig(path).rig.cameras
+
+
+def test_a_good_file_becomes_a_rig_in_si_units(tmp_path: Path) -> None:
+    config = load_rig(_write(tmp_path, GOOD))
+    assert config.rig.heads["pt1"].pan_limits_rad == pytest.approx((-math.radians(170.0), math.radians(170.0)))
+    mount = config.rig.cameras["north"].mount
+    assert isinstance(mount, HeadMount)
+    assert mount.T_mount_camera[:3, 2] == pytest.approx([1.0, 0.0, 0.0])
+    assert config.planner.visibility == "image"
+    assert config.devices["heads"]["pt2"].section.address == 2
+
+
+def test_a_drones_camera_looks_down_with_image_right_along_its_nose() -> None:
+    rig = load_rig(CONFIGS / "demo.yaml").rig
+    mount = rig.cameras["sky"].mount
+    assert isinstance(mount, DroneMount)
+    assert mount.T_body_camera[:3, :3] == pytest.approx(np.diag([1.0, -1.0, -1.0]))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "says"),
+    [
+        ("address: 2", "adress: 2", 10, "unknown key, did you mean 'address'?"),
+        ("position_m: [4, 1, 2.8]", "position_mm: [4000, 1000, 2800]", 10, "position_m: is missing"),
+        ("size_m: 0.12", "size_m: 120", 12, "less than or equal to 5"),
+        ("address: 2", "address: 1", 10, "address"),
+        ("mount: {head: pt2}", "mount: {head: pt3}", 7, "there is no head 'pt3'; this file defines: pt1, pt2"),
+        (", mount: {head: pt2}", "", 7, "mount: is missing"),
+        ("mount: {head: pt2}", "mount: {head: pt1}", 7, "'pt1' already carries camera 'north'"),
+        ("lens: lab, source: {driver: fake}, mount: {head: pt2}", "lens: wide, source: {driver: fake}, mount: {head: pt2}", 7, "no lens 'wide'"),
+        ("id: 100, size_m: 0.2", "id: 7, size_m: 0.2", 14, "tag tag36h11:7 is already listed"),
+        ("id: south", "id: north", 7, "'north' is already the id of cameras[0]"),
+        ("tilt_deg: [-90, 10]", "tilt_deg: [10, -90]", 9, "the first limit must be below the second"),
+        ("floor_m: [[0, 0], [5, 3]]", "floor_m: [[0, 0], [0, 3]]", 2, "the floor is empty"),
+        ("driver: pelco_d, port: /dev/ttyUSB0, address: 2", "driver: pelco_e, port: /dev/ttyUSB0, address: 2", 10, "no driver 'pelco_e'"),
+        ("distortion: [-0.336, 0.101, 0, 0, 0]", "distortion: [-0.336, 0.101, 0]", 4, "distortion has 3 numbers"),
+        ("cy: 400, distortion: [-0.336, 0.101, 0, 0, 0]", "cy: 400, r_max: 1.3, distortion: [-0.5, 0, 0, 0, 0]", 4, "stops being one-to-one"),
+        ("fx: 827.7", "fx: .nan", 4, "finite number"),
+        ("rig: lab", "rgi: lab", 1, "unknown key"),
+    ],
+)  # fmt: skip
+def test_a_fault_is_named_with_its_line(tmp_path: Path, old: str, new: str, line: int, says: str) -> None:
+    assert old in GOOD
+    faults = _faults(tmp_path, GOOD.replace(old, new, 1))
+    assert any(fault.startswith(f"{line}: ") and says in fault for fault in faults), faults
+
+
+def test_all_faults_of_a_file_come_at_once(tmp_path: Path) -> None:
+    text = GOOD.replace("fx: 827.7", "fx: -1").replace("size_m: 0.12", "size_mm: 120").replace("pt2}", "pt9}")
+    faults = _faults(tmp_path, text)
+    assert [fault.split(":")[0] for fault in faults] == ["4", "7", "12", "12"]
+
+
+def test_a_fault_inside_a_head_raises_no_false_one_about_its_camera(tmp_path: Path) -> None:
+    faults = _faults(tmp_path, GOOD.replace("address: 2", "address: 999"))
+    assert len(faults) == 1, faults
+
+
+def test_a_key_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    assert _faults(tmp_path, GOOD + "rig: other\n") == ["15: rig: this key stands twice"]
+
+
+@pytest.mark.parametrize("text", ["", "[1, 2]", "a: [", "a: b: c", "{", "\t- x", "rig: !!python/object:os.system x"])
+def test_what_is_no_yaml_mapping_is_one_clear_fault(tmp_path: Path, text: str) -> None:
+    assert len(_faults(tmp_path, text)) == 1
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
+    for path in (tmp_path / "absent.yaml", tmp_path):
+        with pytest.raises(ConfigError, match="cannot be read"):
+            load_rig(path)
+
+
+def test_binary_rubbish_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_bytes(bytes(range(256)))
+    with pytest.raises(ConfigError, match="cannot be read: it is not UTF-8"):
+        load_rig(path)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_no_damage_to_a_file_escapes_as_anything_but_faults(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    place = data.draw(st.integers(0, len(GOOD) - 1))
+    length = data.draw(st.integers(0, 12))
+    text = GOOD[:place] + data.draw(st.text(max_size=8)) + GOOD[place + length :]
+    path = tmp_path_factory.mktemp("damaged") / "rig.yaml"
+    path.write_text(text, encoding="utf-8", errors="replace")
+    try:
+        load_rig(path)
+    except ConfigError as error:
+        assert error.faults
+
+
+def test_lines_are_those_of_the_file_also_under_merged_keys(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text("base: &b {x: 1}\nother:\n  <<: *b\n  y: 2\n")
+    document = load_document(path)
+    assert document.data["other"] == {"x": 1, "y": 2}
+    assert document.lines["other", "y"] == 4
