@@ -31,7 +31,7 @@ def refine_corners(image: GreyImage, corners_px: Array, cell_px: float) -> Array
         lines = _sides(image, refined, reach_px)
         if lines is None:
             return corners_px
-        refined = np.array([_crossing(lines[side - 1], lines[side]) for side in range(4)])
+        refined = _crossings(lines)
     moved_px = np.linalg.norm(refined - corners_px, axis=1)
     return refined if (moved_px <= max(cell_px, 2.0 * _NEAR_PX)).all() else corners_px
 
@@ -50,7 +50,7 @@ def _sides(image: GreyImage, corners: Array, reach_px: float) -> Array | None:
         return None
     shift = (weights @ offsets) / np.maximum(total, 1e-12)
     found = points + shift[..., None] * outward[:, None]
-    return np.array([_line(found[side], total[side]) for side in range(4)])
+    return _lines(found, total)
 
 
 def _outward(corners: Array, ends: Array) -> Array:
@@ -68,15 +68,17 @@ def _grey(image: GreyImage, points: Array, outward: Array, offsets: Array) -> Ar
     return grey.astype(np.float64).reshape(4, _POINTS, -1)
 
 
-def _line(points: Array, weights: Array) -> Array:
-    """Fit the homogeneous line ``l . (x, y, 1) = 0`` to weighted points: total least squares."""
-    centre = np.average(points, axis=0, weights=weights)
-    moments = np.cov(points.T, aweights=weights, ddof=0)
-    normal = np.linalg.eigh(moments).eigenvectors[:, 0]
-    return np.append(normal, -normal @ centre)
+def _lines(points: Array, weights: Array) -> Array:
+    """Fit (4, 3) homogeneous lines ``l . (x, y, 1) = 0`` to (4, P, 2) points, weighted: total least squares."""
+    share = weights / weights.sum(axis=1, keepdims=True)
+    centre = np.einsum("sp,spi->si", share, points)
+    apart = points - centre[:, None]
+    moments = np.einsum("sp,spi,spj->sij", share, apart, apart)
+    normal = np.linalg.eigh(moments).eigenvectors[..., 0]
+    return np.column_stack([normal, -np.sum(normal * centre, axis=1)])
 
 
-def _crossing(a: Array, b: Array) -> Array:
-    """Return the point (2,) of two homogeneous lines; far away where they are parallel."""
-    x, y, w = np.cross(a, b)
-    return np.array([x, y]) / (w if abs(w) > 1e-9 else 1e-9)
+def _crossings(lines: Array) -> Array:
+    """Return the corners (4, 2), each where its line meets the one before; far away where they are parallel."""
+    x, y, w = np.cross(np.roll(lines, 1, axis=0), lines).T
+    return np.column_stack([x, y]) / np.where(np.abs(w) > 1e-9, w, 1e-9)[:, None]
