@@ -28,7 +28,10 @@ _IPPE_ORDER = [3, 2, 1, 0]
 
 _STEPS = 15
 _DONE = 1e-4
-"""A step that lowers chi2 by less, a hundredth of a sigma, ends the refinement."""
+_DONE_SHARE = 1e-3
+"""A step that lowers chi2 by less than a hundredth of a sigma, or by less than a thousandth of what is left of it, ends
+the refinement: the wrong one of two solutions creeps for ever.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,7 +132,7 @@ def refine(
         T, H, g = (_pick(better, new, old) for new, old in ((moved, T), (H_new, H), (g_new, g)))
         chi2 = np.where(better, chi2_new, chi2)
         damping = np.where(better, 0.1 * damping, np.maximum(10.0 * damping, 1e-3))
-        if (gain < _DONE).all():
+        if (gain < _DONE + _DONE_SHARE * chi2).all():
             break
     residual, _ = whitened_residuals(T, points_body, ideal, whitener)
     used = np.maximum((whitener != 0.0).any(axis=(2, 3)).sum(axis=1), 1)

@@ -1,0 +1,83 @@
+"""How targets move, and when a track is born, doubted and lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from camrig.geometry.arrays import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionModel:
+    """A velocity that is constant for about ``memory_s`` and then forgotten, by axis (x, y, z).
+
+    Velocity is an Ornstein-Uhlenbeck process of standard deviation ``velocity_sigma_m_s``: over short times white
+    acceleration of density 2 sigma^2 / memory, over long ones a walk, so a lost target's covariance grows with time
+    and not with its cube. ``walk_m2_s`` is added to the position's variance each second, ``turn_rad2_s`` to the
+    orientation's.
+    """
+
+    velocity_sigma_m_s: tuple[float, float, float]
+    walk_m2_s: tuple[float, float, float]
+    turn_rad2_s: float
+    memory_s: float = 3.0
+
+    def step(self, dt_s: float) -> tuple[Array, Array]:
+        """Return the (6, 6) transition and process noise over ``dt_s`` >= 0 for [position, velocity]."""
+        a = dt_s / self.memory_s
+        keep = np.exp(-a)
+        carry = -self.memory_s * np.expm1(-a)
+        variance = np.square(self.velocity_sigma_m_s)
+        F = np.eye(6)
+        F[:3, 3:] = carry * np.eye(3)
+        F[3:, 3:] = keep * np.eye(3)
+        Q = np.zeros((6, 6))
+        # 2a - 3 + 4 e^-a - e^-2a; its series where the terms cancel
+        spread = 2.0 * a**3 / 3.0 * (1.0 - 0.75 * a) if a < 1e-3 else 2.0 * a - 3.0 + 4.0 * keep - keep * keep
+        axes = np.arange(3)
+        Q[axes, axes] = variance * self.memory_s**2 * spread + np.multiply(self.walk_m2_s, dt_s)
+        Q[axes, axes + 3] = Q[axes + 3, axes] = variance * carry**2 / self.memory_s
+        Q[axes + 3, axes + 3] = -variance * np.expm1(-2.0 * a)
+        return F, Q
+
+
+FLOOR = MotionModel((0.4, 0.4, 0.0), (0.0, 0.0, 1e-6), 0.5)
+"""In the plane: its height walks a millimetre in a second."""
+
+FREE = MotionModel((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 2.0)
+
+STATIC = MotionModel((0.0, 0.0, 0.0), (1e-8, 1e-8, 1e-8), 1e-6)
+"""A tenth of a millimetre in a second, so that it may still be found wrong."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settings:
+    """What ``fuse.update`` and ``fuse.targets_at`` go by."""
+
+    weighting: Literal["covariance", "quality"] = "covariance"
+    """``quality``: the paper's weighting, sightings weigh as 1/Q^2; published covariances stay honest under it."""
+
+    models: dict[str, MotionModel] = field(default_factory=lambda: {"floor": FLOOR, "free": FREE, "static": STATIC})
+    late_s: float = 0.7
+    """Sightings may arrive this much after newer ones; later they are dropped and reported."""
+
+    gate_chi2: float = 21.1
+    """Squared Mahalanobis distance (3 numbers) that chance exceeds once in 10 000."""
+
+    sure_sigma_m: float = 0.05
+    """A first sighting at least this good confirms a track by itself; any other waits for a second that agrees."""
+
+    restart_after: int = 3
+    """So many sightings in a row that agree with each other and not with the track: the target was moved."""
+
+    lost_after_s: float = 2.0
+    """Unseen for longer a target is lost; one not confirmed by then is forgotten."""
+
+    seen_within_s: float = 1.0
+    """Cameras that saw a target within this time count as seeing it."""
+
+
+DEFAULTS = Settings()

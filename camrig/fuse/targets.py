@@ -1,0 +1,102 @@
+"""All tracks together: sightings in, targets and predicted poses out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from camrig.fuse.kalman import predict
+from camrig.fuse.settings import DEFAULTS, Settings
+from camrig.fuse.track import Track, add
+from camrig.geometry.arrays import Transform
+from camrig.geometry.pose import transform
+from camrig.messages import Event, Level, Sighting, Target, TargetStatus
+from camrig.rig import Rig
+
+
+@dataclass(frozen=True, slots=True)
+class Tracks:
+    """One track for every target seen so far, by target id."""
+
+    by_id: Mapping[str, Track] = field(default_factory=lambda: MappingProxyType({}))
+
+
+def update(
+    tracks: Tracks, sightings: Iterable[Sighting], rig: Rig, settings: Settings = DEFAULTS
+) -> tuple[Tracks, tuple[Event, ...]]:
+    """Return the tracks after more sightings, in whatever order they come, and what an operator should know."""
+    by_id, notes = dict(tracks.by_id), []
+    for sighting in sightings:
+        name = sighting.target_id
+        before = by_id.get(name) or Track(settings.models[rig.targets[name].motion])
+        after = add(before, sighting, settings)
+        if after is None:
+            text = f"a sighting by {sighting.camera_id} came more than {settings.late_s:g} s late: not used"
+            notes.append(Event(sighting.stamp_s, Level.WARNING, name, text))
+            continue
+        by_id[name] = after
+        if after.state.restarts > before.state.restarts:
+            notes.append(
+                Event(sighting.stamp_s, Level.INFO, name, "was moved by more than it can move: track restarted")
+            )
+    return Tracks(by_id), tuple(notes)
+
+
+def targets_at(tracks: Tracks, rig: Rig, now_s: float, settings: Settings = DEFAULTS) -> tuple[Target, ...]:
+    """Return every target of the rig, predicted to ``now_s`` (to its last sighting where that is later).
+
+    UNSEEN, never or not yet confirmed: position, velocity and orientation NaN, infinite variances, last seen -inf.
+    LOST: unseen for ``lost_after_s``; the prediction goes on for whoever searches, its covariance growing.
+    """
+    return tuple(_target(name, tracks.by_id.get(name), now_s, settings) for name in rig.targets)
+
+
+def predicted_poses(tracks: Tracks, stamp_s: float) -> dict[str, Transform]:
+    """Return the predicted ``T_world_body`` of every confirmed target at ``stamp_s``, by id: priors for ``locate``."""
+    poses = {}
+    for name, track in tracks.by_id.items():
+        belief = track.state.belief
+        if belief is not None and track.state.confirmed:
+            position = predict(belief, stamp_s, track.model).mean[:3]
+            poses[name] = transform(belief.R_world_body, position)
+    return poses
+
+
+def _target(name: str, track: Track | None, now_s: float, settings: Settings) -> Target:
+    belief = track.state.belief if track and track.state.confirmed else None
+    if track is None or belief is None:
+        return _unseen(name, now_s)
+    now = predict(belief, now_s, track.model)
+    seeing = [k for k, stamp_s in enumerate(now.stamps_s) if now_s - stamp_s <= settings.seen_within_s]
+    tracked = now_s - belief.stamp_s <= settings.lost_after_s
+    return Target(
+        id=name,
+        stamp_s=now.stamp_s,
+        status=TargetStatus.TRACKED if tracked else TargetStatus.LOST,
+        position_m=now.mean[:3],
+        velocity_m_s=now.mean[3:],
+        covariance_m2=now.published[:3, :3],
+        R_world_body=now.R_world_body,
+        seen_by=tuple(sorted(now.cameras[k] for k in seeing)),
+        last_seen_s=belief.stamp_s,
+        quality_m=1.0 / sum(1.0 / now.qualities_m[k] for k in seeing) if seeing else None,
+    )
+
+
+def _unseen(name: str, now_s: float) -> Target:
+    nowhere = np.full(3, np.nan)
+    return Target(
+        id=name,
+        stamp_s=now_s,
+        status=TargetStatus.UNSEEN,
+        position_m=nowhere,
+        velocity_m_s=nowhere,
+        covariance_m2=np.diag(np.full(3, np.inf)),
+        R_world_body=np.full((3, 3), np.nan),
+        seen_by=(),
+        last_seen_s=-math.inf,
+    )
