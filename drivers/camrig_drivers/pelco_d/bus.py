@@ -32,6 +32,8 @@ _BITS_A_BYTE = 10
 """8N1: a start bit, eight data bits, a stop bit."""
 _BAUD_TOLERANCE = 0.03
 """How much faster than its nominal rate a UART may send and still be understood."""
+_REPEAT_S = 0.25
+"""The longest that the repetition of a stop waits for the reply of the exchange it cut short."""
 _LATE_S = 0.4
 """How long after its time-out a reply may still come in (adapters hold back up to 0.25 s)."""
 
@@ -209,14 +211,14 @@ class Bus:
         received, heard_s, miss = b"", asked_s, Miss.SILENT
         while (left_s := deadline_s - self.clock.now_s()) > 0.0:
             if self._stops_waiting:
-                self._quiet_until(deadline_s)  # the head may still be talking
+                self._quiet_until(min(deadline_s, self.clock.now_s() + _REPEAT_S))  # the head may still be talking
                 return Miss.CUT
             echoed = COMMAND_BYTES if received.startswith(request.frame) else 0
             if not (more := port.read(max(1, echoed + request.reply_bytes - len(received)), left_s)):
                 continue
             received, heard_s = received + more, self.clock.now_s()
             if reply := self._found(received, request, final=False):
-                if answer := _timed(reply, asked_s, heard_s, reply_s):
+                if answer := timed(reply, asked_s, heard_s, reply_s):
                     self._quiet_until(heard_s + self.settings.gap_s)
                     return answer
                 received, miss = b"", Miss.TOO_SOON  # an older question's answer; ours may follow
@@ -224,7 +226,7 @@ class Bus:
                 miss = Miss.GARBLED
         self._quiet_until(deadline_s + self.settings.gap_s)
         last = self._found(received, request, final=True)
-        return (last and _timed(last, asked_s, heard_s, reply_s)) or miss
+        return (last and timed(last, asked_s, heard_s, reply_s)) or miss
 
     def _found(self, received: bytes, request: Request, *, final: bool) -> Reply | None:
         settings = self.settings
@@ -271,7 +273,7 @@ class Link:
         self._bus.detach(self)
 
 
-def _timed(reply: Reply, asked_s: float, heard_s: float, reply_s: float) -> Answer | None:
+def timed(reply: Reply, asked_s: float, heard_s: float, reply_s: float) -> Answer | None:
     """Stamp a reply whose last byte came at ``heard_s``; None where it began before the question had ended."""
     window_s = heard_s - reply_s - asked_s
     if window_s < -_BAUD_TOLERANCE * reply_s:

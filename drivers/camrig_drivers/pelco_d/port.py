@@ -88,5 +88,8 @@ class Port:
 
 
 def _advice(error: Exception) -> str:
-    number = error.args[0] if error.args else None
-    return _ADVICE.get(number, str(error)) if isinstance(number, int) else str(error)
+    """Say what to do; pyserial hides the errno of a failed termios call in the error's context."""
+    for cause in (error, error.__context__):
+        if cause is not None and cause.args and cause.args[0] in _ADVICE:
+            return _ADVICE[cause.args[0]]
+    return str(error)

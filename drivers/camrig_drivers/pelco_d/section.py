@@ -81,12 +81,12 @@ def _against(section: PelcoDSection, others: Sequence[tuple[str, PelcoDSection]]
         ("address", f"address {section.address} is taken by head {name} on the same port; give each its own, 1..254")
         for name, other in others
         if other.address == section.address
-    ]
-    for key in ("baud", "echo", "resync_tail"):
-        wrong = [(name, other) for name, other in others[:1] if getattr(other, key) != getattr(section, key)]
+    ][:1]
+    for name, first in others[:1]:
         faults += [
-            (key, f"is {getattr(section, key)} here and {getattr(other, key)} for head {name} on the same port")
-            for name, other in wrong
+            (key, f"is {getattr(section, key)} here and {getattr(first, key)} for head {name} on the same port")
+            for key in ("baud", "echo", "resync_tail")
+            if getattr(section, key) != getattr(first, key)
         ]
     return faults
 
