@@ -80,7 +80,8 @@ def _best(problem: Problem, running: Configuration | None, rng: np.random.Genera
     allowed = [vectors for vectors in found if permitted(problem, table.separation_m, vectors)]
     if not allowed and running is None:
         raise InputError(
-            "no places were found where all drones keep apart; enlarge their boxes or lower the separation"
+            "found no places for the drones outside the keep-out boxes and apart from each other; "
+            "enlarge their boxes or lower min_separation_m"
         )
     best = running
     for vectors in allowed[:_POLISHED]:

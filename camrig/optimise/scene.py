@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -84,7 +85,7 @@ class PlannerSettings:
     margin_rad: float = 0.0
     min_separation_m: float = 0.0
     min_tag_px: float = 0.0
-    max_incidence_rad: float = 1.5
+    max_incidence_rad: float = math.pi / 2.0
     gain: float = 0.0
 
 
