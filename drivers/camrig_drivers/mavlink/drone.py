@@ -1,0 +1,204 @@
+"""A camera drone on a MAVLink link: the ``Drone`` of camrig.interfaces around a ``Vehicle``.
+
+The thread that calls ``read`` does all the work; ``arm``, ``go_to``, ``stop`` and ``land`` check what can be checked,
+leave an order for it and wake it.
+
+After ``stop`` the drone holds where it is and refuses ``go_to`` until ``arm`` is called again; in the air that resumes
+from where it hovers. ``stop`` while it takes off holds it there (on the ground: ends the take-off), while it lands by
+our order it breaks the landing off, and where somebody else flies it (a pilot, a failsafe) it changes nothing.
+``close`` leaves a flying drone standing in the air and lets a landing go on; it never lands or disarms.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+
+from camrig.clock import Clock, RealClock
+from camrig.errors import HardwareError, InputError, LinkLost, NotEnabledError
+from camrig.messages import DroneReading
+from camrig.rig import DroneSpec
+from camrig_drivers.mavlink.codec import Address
+from camrig_drivers.mavlink.fitness import box_text, inside, unfit
+from camrig_drivers.mavlink.flavours import FLAVOURS
+from camrig_drivers.mavlink.frames import Vector
+from camrig_drivers.mavlink.link import Link
+from camrig_drivers.mavlink.packets import Heard, Heartbeat, Said
+from camrig_drivers.mavlink.phase import Phase
+from camrig_drivers.mavlink.section import MavlinkSection
+from camrig_drivers.mavlink.telemetry import LINK_SILENCE_S, Telemetry
+from camrig_drivers.mavlink.vehicle import Vehicle
+
+_OPEN_TIMEOUT_S = 5.0
+_RELEASE_TIMEOUT_S = 1.5
+
+Order = Callable[[Vehicle, float], None]
+
+
+class MavlinkDrone:
+    """One drone. ``read`` and ``close`` belong to its worker thread, the orders to any thread."""
+
+    def __init__(self, spec: DroneSpec, section: MavlinkSection, link: Link, clock: Clock | None = None) -> None:
+        self.key: Address = (section.system, section.component)
+        self._spec = spec
+        self._section = section
+        self._link = link
+        self._clock = clock or RealClock()
+        self._vehicle: Vehicle | None = None
+        self._orders: deque[Order] = deque(maxlen=32)
+        self._stopped = False
+        self._intruder = ""
+        self._unknown_autopilot: int | None = None
+
+    # --- Drone ------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Wait for the autopilot's heartbeat and ask for its streams; commands nothing that moves.
+
+        Raises LinkLost without a heartbeat, HardwareError for an autopilot we do not know.
+        """
+        self.close()
+        self._orders.clear()
+        self._stopped, self._intruder, self._unknown_autopilot = False, "", None
+        self._link.join(self)
+        try:
+            self._link.serve(_OPEN_TIMEOUT_S, lambda: self._vehicle is not None or self._unknown_autopilot is not None)
+            self._check_opened()
+        except BaseException:
+            self._link.leave(self)
+            raise
+
+    def read(self, timeout_s: float) -> tuple[DroneReading, ...]:
+        vehicle = self._opened()
+        self._link.serve(timeout_s, lambda: bool(vehicle.readings))
+        if vehicle.seen.silent(self._clock.now_s()):
+            raise LinkLost(f"drone {self._spec.id}: no heartbeat for {LINK_SILENCE_S:g} s on {self._link.url}")
+        if self._intruder and vehicle.phase is Phase.PASSIVE:
+            raise HardwareError(self._intruder)
+        readings = []
+        with contextlib.suppress(IndexError):
+            while True:
+                readings.append(vehicle.readings.popleft())
+        return tuple(readings)
+
+    def arm(self) -> None:
+        vehicle = self._opened()
+        reason = self._intruder or unfit(self._spec, vehicle.flavour, vehicle.seen, self._clock.now_s())
+        if reason:
+            raise HardwareError(f"drone {self._spec.id} is not armed: {reason}")
+        self._stopped = False
+        self._order(Vehicle.arm)
+
+    def go_to(self, position_m: Vector, yaw_rad: float) -> None:
+        if not inside(position_m, self._spec.box_m) or not math.isfinite(yaw_rad):
+            asked = ", ".join(f"{value:g}" for value in position_m)
+            box = box_text(self._spec.box_m)
+            raise InputError(f"drone {self._spec.id}: ({asked}) m, yaw {yaw_rad:g} rad is outside its box {box}")
+        vehicle = self._vehicle
+        if vehicle is None or self._stopped or vehicle.phase is not Phase.FLYING:
+            reason = f" ({vehicle.reason})" if vehicle is not None and vehicle.reason else ""
+            raise NotEnabledError(f"drone {self._spec.id} is not flying under our command{reason}; arm it first")
+        self._order(lambda vehicle, _now_s: vehicle.go_to(position_m, yaw_rad))
+
+    def stop(self) -> None:
+        self._stopped = True
+        self._orders.clear()
+        self._orders.append(Vehicle.stop)
+        with contextlib.suppress(LinkLost):
+            self._link.serve_now()
+
+    def land(self) -> None:
+        self._opened()
+        self._order(Vehicle.land)
+
+    def close(self) -> None:
+        vehicle = self._vehicle
+        if vehicle is not None:
+            self._orders.append(Vehicle.release)
+            with contextlib.suppress(LinkLost):
+                self._link.serve_now()
+                self._link.serve(_RELEASE_TIMEOUT_S, lambda: self._released(vehicle))
+        self._vehicle = None
+        self._link.leave(self)
+
+    @property
+    def reason(self) -> str:
+        """Why the last order ended otherwise than ordered; empty where it did not."""
+        return self._vehicle.reason if self._vehicle else ""
+
+    # --- Station: called by the thread that serves the link ---------------------------------------------
+
+    def hear(self, packet: Heard, now_s: float) -> None:
+        if isinstance(packet, Heartbeat) and not self._meet(packet, now_s):
+            return
+        if self._vehicle is not None:
+            self._vehicle.hear(packet, now_s)
+
+    def intrude(self, what: str) -> None:
+        self._intruder = (
+            f"drone {self._spec.id}: two autopilots speak as system {self.key[0]} on {self._link.url} ({what}): "
+            "give each its own system id"
+        )
+
+    def speak(self, now_s: float) -> Iterable[Said]:
+        vehicle = self._vehicle
+        if vehicle is None:
+            return ()
+        with contextlib.suppress(IndexError):
+            while True:
+                self._orders.popleft()(vehicle, now_s)
+        return vehicle.tick(now_s)
+
+    def due_s(self, now_s: float) -> float:
+        return self._vehicle.due_s(now_s) if self._vehicle else math.inf
+
+    # --- inside -----------------------------------------------------------------------------------------
+
+    def _meet(self, heartbeat: Heartbeat, now_s: float) -> bool:
+        """Learn from the first heartbeat which autopilot it is; return whether this one is of that autopilot."""
+        flavour = FLAVOURS.get(heartbeat.autopilot)
+        if self._vehicle is None and flavour is not None:
+            seen = Telemetry(self._spec.id, self._section.origin_m, heartbeat, now_s)
+            self._vehicle = Vehicle(self._spec, flavour, seen, self._section.stream_hz)
+        elif self._vehicle is None:
+            self._unknown_autopilot = heartbeat.autopilot
+        elif flavour is not self._vehicle.flavour:
+            self.intrude(f"autopilot types {self._vehicle.flavour.autopilot} and {heartbeat.autopilot}")
+            return False
+        return True
+
+    def _check_opened(self) -> None:
+        if self._vehicle is not None:
+            return
+        system, component = self.key
+        if self._unknown_autopilot is not None:
+            raise HardwareError(
+                f"drone {self._spec.id}: system {system} is autopilot type {self._unknown_autopilot}; "
+                "ArduPilot (3) and PX4 (12) can be flown"
+            )
+        others = ", ".join(f"{a} component {b}" for a, b in self._link.strangers()) or "none"
+        raise LinkLost(
+            f"drone {self._spec.id}: no heartbeat of system {system} component {component} on {self._link.url} "
+            f"within {_OPEN_TIMEOUT_S:g} s; other autopilots heard: {others}"
+        )
+
+    def _opened(self) -> Vehicle:
+        if self._vehicle is None:
+            raise LinkLost(f"drone {self._spec.id} is not open")
+        return self._vehicle
+
+    def _released(self, vehicle: Vehicle) -> bool:
+        gone = vehicle.seen.silent(self._clock.now_s())
+        return gone or (not self._orders and vehicle.phase is not Phase.BRAKING)
+
+    def _order(self, order: Order) -> None:
+        self._orders.append(order)
+        self._link.wake()
+
+
+def make(drones: Mapping[str, tuple[DroneSpec, MavlinkSection]]) -> dict[str, MavlinkDrone]:
+    """Build all drones; those with one url share a link. Opens nothing."""
+    links = {section.url: Link(section.url, RealClock()) for _, section in drones.values()}
+    return {name: MavlinkDrone(spec, section, links[section.url]) for name, (spec, section) in drones.items()}

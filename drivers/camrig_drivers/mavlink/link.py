@@ -1,0 +1,207 @@
+"""One UDP port and the vehicles behind it.
+
+``udp://host:port`` listens there and answers to where each vehicle sends from; ``udpout://host:port`` sends first.
+Whichever worker thread calls ``serve`` serves all vehicles of the link; that takes the link's one lock, so several
+drones may share a port. A vehicle is known by system, component *and* the address it speaks from.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from camrig.clock import Clock
+from camrig.errors import LinkLost
+from camrig_drivers.mavlink.codec import Address, Decoder, Encoder
+from camrig_drivers.mavlink.packets import Heard, Heartbeat, OwnHeartbeat, Said
+from camrig_drivers.mavlink.udp import Endpoint, Peer, UdpSocket
+
+_HEARTBEAT_S = 1.0
+_MOVED_S = 2.5
+"""A vehicle silent for this long may come back from another port: it has been restarted."""
+_MAX_PEERS = 16
+
+
+class Station(Protocol):
+    """A vehicle as its link sees it; all calls come from the thread that serves."""
+
+    key: Address
+
+    def hear(self, packet: Heard, now_s: float) -> None:
+        """Take a packet of this vehicle."""
+        ...
+
+    def intrude(self, what: str) -> None:
+        """Learn that somebody else speaks with this vehicle's system id."""
+        ...
+
+    def speak(self, now_s: float) -> Iterable[Said]:
+        """Return what to send to it now."""
+        ...
+
+    def due_s(self, now_s: float) -> float:
+        """Return when to call ``speak`` next."""
+        ...
+
+
+@dataclass
+class _Seat:
+    """A station, and where its vehicle speaks from; ``rival`` is who speaks in its name from elsewhere."""
+
+    station: Station
+    peer: Peer | None
+    heard_s: float = 0.0
+    rival: Peer | None = None
+
+
+class Link:
+    """Builds nothing but itself; the first vehicle that joins opens the socket, the last one closes it."""
+
+    def __init__(self, url: str, clock: Clock) -> None:
+        self.url = url
+        self._endpoint = Endpoint.parse(url)
+        self._clock = clock
+        self._door = threading.Lock()
+        self._turn = threading.Lock()
+        self._socket: UdpSocket | None = None
+        self._seats: dict[Address, _Seat] = {}
+        self._strangers: set[Address] = set()
+        self._encoder = Encoder()
+        self._decoders: dict[Peer, Decoder] = {}
+        self._heartbeat_s = 0.0
+
+    def join(self, station: Station) -> None:
+        """Take a vehicle in. Raises LinkLost."""
+        with self._my_turn(), self._losing():
+            if self._socket is None:
+                self._socket = UdpSocket(self._endpoint)
+                self._heartbeat_s = self._clock.now_s()
+                self._strangers.clear()
+                self._decoders.clear()
+            self._seats[station.key] = _Seat(station, self._socket.remote)
+
+    def leave(self, station: Station) -> None:
+        """Forget a vehicle; twice is allowed."""
+        with self._my_turn():
+            self._seats.pop(station.key, None)
+            if not self._seats and self._socket is not None:
+                self._socket.close()
+                self._socket = None
+
+    def strangers(self) -> list[Address]:
+        """Return the autopilots that have been heard and that nobody here drives."""
+        return sorted(self._strangers.copy())
+
+    def serve(self, timeout_s: float, enough: Callable[[], bool]) -> None:
+        """Receive and send for all vehicles until ``enough``, at most ``timeout_s``; where another thread is doing
+        it already, wait for it instead. Raises LinkLost.
+        """
+        deadline_s = self._clock.now_s() + timeout_s
+        with self._my_turn(timeout_s) as mine, self._losing():
+            while mine and self._socket is not None:
+                due_s = self._exchange(self._socket)
+                now_s = self._clock.now_s()
+                if enough() or now_s >= deadline_s:
+                    return
+                self._socket.wait(min(due_s, deadline_s) - now_s)
+
+    def wake(self) -> None:
+        """Make the thread that serves look for orders now; any thread."""
+        current = self._socket
+        if current is not None:
+            current.wake()
+
+    def serve_now(self) -> None:
+        """Receive and send at once, here or in the thread that serves already; any thread. Raises LinkLost."""
+        if not self._turn.acquire(blocking=False):
+            self.wake()
+            return
+        try:
+            with self._losing():
+                if self._socket is not None:
+                    self._exchange(self._socket)
+        finally:
+            self._turn.release()
+
+    @contextlib.contextmanager
+    def _my_turn(self, timeout_s: float = -1.0) -> Iterator[bool]:
+        """Wait for the link behind its door, so that the thread that had it last does not get it always."""
+        with self._door:
+            mine = self._turn.acquire(timeout=timeout_s)
+        try:
+            yield mine
+        finally:
+            if mine:
+                self._turn.release()
+
+    @contextlib.contextmanager
+    def _losing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise LinkLost(f"{self.url}: {error.strerror or error}") from error
+
+    def _exchange(self, udp: UdpSocket) -> float:
+        """Receive all there is, send all that is due; return when more will be."""
+        for peer, data in udp.received():
+            now_s = self._clock.now_s()
+            for address, packet in self._decoder(peer).feed(data):
+                self._route(peer, address, packet, now_s)
+        now_s = self._clock.now_s()
+        self._send_heartbeats(udp, now_s)
+        due_s = self._heartbeat_s
+        for seat in self._seats.values():
+            if seat.peer is not None:
+                for said in seat.station.speak(now_s):
+                    udp.send(self._encoder.encode(said, seat.station.key), seat.peer)
+                due_s = min(due_s, seat.station.due_s(now_s))
+        return due_s
+
+    def _send_heartbeats(self, udp: UdpSocket, now_s: float) -> None:
+        if now_s < self._heartbeat_s:
+            return
+        self._heartbeat_s = now_s + _HEARTBEAT_S
+        for peer in {seat.peer for seat in self._seats.values() if seat.peer is not None}:
+            udp.send(self._encoder.encode(OwnHeartbeat(), (0, 0)), peer)
+
+    def _decoder(self, peer: Peer) -> Decoder:
+        if peer not in self._decoders:
+            if len(self._decoders) >= _MAX_PEERS:
+                del self._decoders[next(iter(self._decoders))]
+            self._decoders[peer] = Decoder()
+        return self._decoders[peer]
+
+    def _route(self, peer: Peer, address: Address, packet: Heard, now_s: float) -> None:
+        autopilot = isinstance(packet, Heartbeat) and packet.is_autopilot
+        seat = self._seats.get(address)
+        if seat is None:
+            if autopilot:
+                self._greet_stranger(peer, address)
+        elif self._speaks_for(seat, peer, now_s, autopilot=autopilot):
+            seat.heard_s = now_s
+            seat.station.hear(packet, now_s)
+
+    def _greet_stranger(self, peer: Peer, address: Address) -> None:
+        self._strangers.add(address)
+        for (system, _), seat in self._seats.items():
+            if system == address[0]:
+                seat.station.intrude(f"component {address[1]} at {peer[0]}:{peer[1]}")
+
+    def _speaks_for(self, seat: _Seat, peer: Peer, now_s: float, *, autopilot: bool) -> bool:
+        """Whether a packet comes from the seat's vehicle; a heartbeat from a free or deserted seat takes it."""
+        if seat.peer == peer:
+            if seat.rival is not None:
+                seat.station.intrude(f"the same component at {seat.rival[0]}:{seat.rival[1]}")
+                seat.rival = None
+            return True
+        if not autopilot:
+            return False
+        if seat.peer is None or now_s - seat.heard_s > _MOVED_S:
+            seat.peer, seat.rival = peer, None
+            self._heartbeat_s = now_s
+            return True
+        seat.rival = peer
+        return False

@@ -1,0 +1,71 @@
+"""Joins LOCAL_POSITION_NED and ATTITUDE, which arrive apart, into poses of one instant each."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from camrig.geometry.arrays import Array, Transform
+from camrig.geometry.pose import transform
+from camrig.geometry.rotation import rotation_exp, rotation_log
+from camrig_drivers.mavlink.boot_clock import BootClock
+from camrig_drivers.mavlink.frames import R_world_body, Vector, world_from_ned
+from camrig_drivers.mavlink.packets import Attitude, LocalPosition
+
+_MAX_GAP_S = 0.2
+"""Attitudes further apart than this are not interpolated: a copter turns by degrees in that time."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StampedPose:
+    """Where the body was at ``stamp_s`` of our clock."""
+
+    stamp_s: float
+    T_world_body: Transform
+
+
+class PoseTrack:
+    """Keeps positions until the attitudes on both sides of them are known."""
+
+    def __init__(self, origin_m: Vector) -> None:
+        self._origin_m = origin_m
+        self._clock = BootClock()
+        self._attitudes: deque[tuple[float, Array]] = deque(maxlen=32)  # boot time, R_world_body
+        self._waiting: deque[tuple[float, Vector]] = deque(maxlen=16)  # boot time, world position
+
+    def hear(self, packet: Attitude | LocalPosition, arrival_s: float) -> tuple[list[StampedPose], bool]:
+        """Take one message; return the poses it completes, oldest first, and whether the autopilot has rebooted."""
+        boot_s = packet.time_boot_ms / 1e3
+        rebooted = self._clock.update(boot_s, arrival_s)
+        if rebooted:
+            self._attitudes.clear()
+            self._waiting.clear()
+        match packet:
+            case Attitude(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw):
+                if not self._attitudes or boot_s > self._attitudes[-1][0]:
+                    self._attitudes.append((boot_s, R_world_body(roll, pitch, yaw)))
+            case LocalPosition(position_ned_m=position):
+                self._waiting.append((boot_s, world_from_ned(position, self._origin_m)))
+        return self._completed(), rebooted
+
+    def _completed(self) -> list[StampedPose]:
+        poses = []
+        while self._waiting and self._attitudes and self._waiting[0][0] <= self._attitudes[-1][0]:
+            boot_s, position = self._waiting.popleft()
+            R = self._attitude_at(boot_s)
+            if R is not None:
+                poses.append(StampedPose(self._clock.stamp_s(boot_s), transform(R, np.array(position))))
+        return poses
+
+    def _attitude_at(self, boot_s: float) -> Array | None:
+        """Interpolate at ``boot_s``, at or before the newest attitude; None where no two attitudes enclose it."""
+        for (before_s, R_before), (after_s, R_after) in pairwise([self._attitudes[0], *self._attitudes]):
+            if after_s == boot_s:
+                return R_after
+            if before_s <= boot_s < after_s <= before_s + _MAX_GAP_S:
+                fraction = (boot_s - before_s) / (after_s - before_s)
+                return np.asarray(rotation_exp(fraction * rotation_log(R_after @ R_before.T)) @ R_before)
+        return None
