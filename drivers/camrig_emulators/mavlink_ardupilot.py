@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from camrig.geometry.arrays import Array
 from camrig_emulators.mavlink_cockpit import (
     ACCEPTED,
     CRITICAL,
@@ -18,12 +17,12 @@ from camrig_emulators.mavlink_cockpit import (
     UNSUPPORTED,
     WARNING,
     Cockpit,
-    CommandParams,
     ReturnHome,
-    SetPoint,
 )
 from camrig_emulators.mavlink_dynamics import Demand
-from camrig_emulators.mavlink_frames import swap, swap_yaw
+from camrig_emulators.mavlink_firmware import CommandParams, whole
+from camrig_emulators.mavlink_frames import swap_yaw
+from camrig_emulators.mavlink_set_points import SetPoint, ardupilot_goal
 
 STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE = 0, 2, 3, 4, 5, 6, 9, 16, 17
 MODES = {
@@ -42,9 +41,6 @@ _SINK_M_S = 2.4
 _SPOOL_UP_S = 0.5
 _NOT_ARMABLE = (AUTO, RTL, LAND, BRAKE)
 _FAILSAFE_MODES = {1: RTL, 3: RTL, 4: LAND, 5: LAND, 7: LAND}  # FS_GCS_ENABLE
-
-_LOCAL_NED, _LOCAL_OFFSET_NED, _BODY_NED, _BODY_OFFSET_NED = 1, 7, 8, 9
-_IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_YAW, _IGNORE_YAW_RATE = 0x007, 0x038, 0x400, 0x800
 
 
 class ArduPilot:
@@ -169,7 +165,7 @@ class ArduPilot:
     def command(self, command: int, params: CommandParams) -> int | None:
         match command:
             case 176:
-                return self._set_mode(int(params[1])) if int(params[0]) & 1 else FAILED
+                return self._set_mode(whole(params[1])) if whole(params[0]) & 1 else FAILED
             case 400:
                 return self._arm(params[1]) if params[0] >= 0.5 else self._disarm_asked(params[1])
             case 22:
@@ -179,7 +175,7 @@ class ArduPilot:
             case 20:
                 return self._set_mode(RTL)
             case 178:
-                return self._change_speed(int(params[0]), params[1])
+                return self._change_speed(whole(params[0]), params[1])
             case 115:
                 return self._turn(params)
             case 205 | 1000 | 1001:
@@ -238,7 +234,7 @@ class ArduPilot:
     def _start_take_off(self, height_m: float) -> int:
         cockpit = self._cockpit
         able = self._mode == GUIDED and cockpit.armed and cockpit.landed and cockpit.home_m is not None
-        if not able or not height_m > 0.0 or cockpit.home_m is None:
+        if not able or not 0.0 < height_m < math.inf or cockpit.home_m is None:
             return FAILED
         x, y, _ = cockpit.sample.position_m
         target_m = np.array([x, y, cockpit.home_m[2] + height_m])
@@ -256,7 +252,7 @@ class ArduPilot:
         return ACCEPTED
 
     def _turn(self, params: CommandParams) -> int:
-        if self._mode != GUIDED or not self._cockpit.armed:
+        if self._mode != GUIDED or not self._cockpit.armed or not math.isfinite(params[0]):
             return FAILED
         if params[3] == 1.0:  # relative; positive is clockwise
             yaw_rad = self._goal.yaw_rad - math.copysign(math.radians(params[0]), params[2] or 1.0)
@@ -271,41 +267,12 @@ class ArduPilot:
         """Outside GUIDED nothing happens, without a word; before lift-off a set-point cancels the take-off."""
         if self._mode != GUIDED:
             return
+        cockpit, kept = self._cockpit, self._goal.yaw_rad
         self._take_off = None
-        positioned = not point.type_mask & _IGNORE_POSITION
-        moving = not point.type_mask & _IGNORE_VELOCITY
-        values = np.concatenate([point.position if positioned else [], point.velocity if moving else []])
-        known = point.coordinate_frame in {_LOCAL_NED, _LOCAL_OFFSET_NED, _BODY_NED, _BODY_OFFSET_NED}
-        if not known or not (positioned or moving) or not np.all(np.isfinite(values)):
+        goal = ardupilot_goal(point, cockpit, cockpit.yaw_rad if math.isnan(kept) else kept)
+        if goal is None:
             self._hold_here()
             return
-        yaw_rad, rate = self._yaw(point)
-        goal = Demand(yaw_rad=yaw_rad, yaw_rate_rad_s=rate)
-        if positioned:
-            goal = replace(goal, position_m=self._place(point))
-        if moving:
-            goal = replace(goal, velocity_m_s=self._world_vector(point, point.velocity))
+        moving = not np.any(np.isnan(goal.velocity_m_s))
         self._goal = goal
-        self._goal_ends_s = self._cockpit.now_s + self._cockpit.params["GUID_TIMEOUT"] if moving else math.inf
-
-    def _yaw(self, point: SetPoint) -> tuple[float, float]:
-        if not point.type_mask & _IGNORE_YAW:
-            if point.coordinate_frame in {_BODY_NED, _BODY_OFFSET_NED}:
-                return self._cockpit.yaw_rad - point.yaw_rad, 0.0
-            return swap_yaw(point.yaw_rad), 0.0
-        if not point.type_mask & _IGNORE_YAW_RATE:
-            return math.nan, -point.yaw_rate_rad_s
-        kept = self._goal.yaw_rad
-        return (self._cockpit.yaw_rad if math.isnan(kept) else kept), 0.0
-
-    def _place(self, point: SetPoint) -> Array:
-        if point.coordinate_frame == _LOCAL_NED:
-            return self._cockpit.frame.to_world(point.position)
-        return np.asarray(self._cockpit.sample.position_m + self._world_vector(point, point.position))
-
-    def _world_vector(self, point: SetPoint, vector: Array) -> Array:
-        if point.coordinate_frame in {_LOCAL_NED, _LOCAL_OFFSET_NED}:
-            return swap(vector)
-        forward, right, down = vector
-        c, s = math.cos(self._cockpit.yaw_rad), math.sin(self._cockpit.yaw_rad)
-        return np.array([c * forward + s * right, s * forward - c * right, -down])
+        self._goal_ends_s = cockpit.now_s + cockpit.params["GUID_TIMEOUT"] if moving else math.inf

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
@@ -23,68 +22,6 @@ FORCE = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM
 REACHED_M = 0.1
 _LANDED_AFTER_S = 0.2
 _NEAR_HOME_M = 0.3
-
-CommandParams = tuple[float, float, float, float, float, float, float]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SetPoint:
-    """SET_POSITION_TARGET_LOCAL_NED as it came; triples (3,) in the message's own frame."""
-
-    coordinate_frame: int
-    type_mask: int
-    position: Array
-    velocity: Array
-    yaw_rad: float
-    yaw_rate_rad_s: float
-
-
-class Firmware(Protocol):
-    """The habits of one autopilot; ``Cockpit`` tells it what is, ``step`` says what it wants."""
-
-    autopilot: int
-    default_streams_hz: dict[int, float]
-    text_ending: str
-    heartbeat_delay_s: float
-    """From a change of mode to the extra HEARTBEAT that tells of it."""
-    double_ack_rate: float
-    """How often DO_SET_MODE is acknowledged twice."""
-
-    @property
-    def custom_mode(self) -> int:
-        """HEARTBEAT's."""
-        ...
-
-    @property
-    def mode_name(self) -> str:
-        """For a person."""
-        ...
-
-    @property
-    def landed_state(self) -> int:
-        """EXTENDED_SYS_STATE's MAV_LANDED_STATE."""
-        ...
-
-    @property
-    def talks(self) -> bool:
-        """Whether STATUSTEXTs go out now; they wait otherwise."""
-        ...
-
-    def step(self) -> Demand | None:
-        """Advance to the cockpit's time; None: rotors stand still."""
-        ...
-
-    def command(self, command: int, params: CommandParams) -> int | None:
-        """Carry out a COMMAND_LONG; returns the MAV_RESULT, None for no COMMAND_ACK at all."""
-        ...
-
-    def set_point(self, point: SetPoint) -> None:
-        """Take a set-point, or not; there is never an answer."""
-        ...
-
-    def ground_station_beat(self, system: int) -> None:
-        """Take note of a ground station's HEARTBEAT."""
-        ...
 
 
 @dataclass(eq=False)

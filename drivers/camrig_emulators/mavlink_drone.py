@@ -15,7 +15,8 @@ from camrig.errors import InputError
 from camrig.geometry.arrays import Transform
 from camrig.interfaces import Plugin
 from camrig_emulators.faults import Faults
-from camrig_emulators.mavlink_protocol import Address, MavlinkProtocol, Received
+from camrig_emulators.mavlink_outbox import Address
+from camrig_emulators.mavlink_protocol import MavlinkProtocol, Received
 from camrig_emulators.mavlink_settings import MavlinkDroneSettings
 from camrig_emulators.mavlink_udp import UdpPort
 from camrig_emulators.mavlink_vehicle import Vehicle
@@ -52,7 +53,7 @@ class MavlinkDrone:
             vehicle = self._protocol.vehicle
             vehicle.advance_to(self._clock.now_s())
             truth, cockpit = vehicle.history.latest.truth, vehicle.cockpit
-            peers = self._protocol.peers(self._clock.now_s())
+            peers = self._protocol.listeners(self._clock.now_s())
             x, y, z = truth.position_m
             state = "armed" if cockpit.armed else "disarmed"
             place = (

@@ -52,13 +52,20 @@ class Motion:
 
     def T_world_body(self) -> Transform:
         """Return the pose: a body tilts so that its thrust gives its acceleration, its nose towards its yaw."""
-        up = self.acceleration_m_s2 + np.array([0.0, 0.0, GRAVITY_M_S2])
-        up = up / np.linalg.norm(up)
-        nose = np.array([math.cos(self.yaw_rad), math.sin(self.yaw_rad), 0.0])
-        nose[2] = -(nose @ up) / up[2]
-        nose = nose / np.linalg.norm(nose)
+        ax, ay, az = (float(value) for value in self.acceleration_m_s2)
+        thrust = math.sqrt(ax * ax + ay * ay + (az + GRAVITY_M_S2) ** 2)
+        up = (ax / thrust, ay / thrust, (az + GRAVITY_M_S2) / thrust)
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        rise = -(c * up[0] + s * up[1]) / up[2]
+        length = math.hypot(1.0, rise)
+        nose = (c / length, s / length, rise / length)
+        left = (
+            up[1] * nose[2] - up[2] * nose[1],
+            up[2] * nose[0] - up[0] * nose[2],
+            up[0] * nose[1] - up[1] * nose[0],
+        )
         T = np.eye(4)
-        T[:3, 0], T[:3, 1], T[:3, 2], T[:3, 3] = nose, np.cross(up, nose), up, self.position_m
+        T[:3, 0], T[:3, 1], T[:3, 2], T[:3, 3] = nose, left, up, self.position_m
         return T
 
 

@@ -55,6 +55,16 @@ def quaternion(R: Array) -> tuple[float, float, float, float]:
     )
 
 
+def turn(rotation_vector: Array) -> Array:
+    """Return the (3, 3) rotation by ``|v|`` radians about ``v`` (Rodrigues)."""
+    x, y, z = (float(value) for value in rotation_vector)
+    angle = math.sqrt(x * x + y * y + z * z)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    if angle < 1e-9:
+        return np.asarray(np.eye(3) + K)
+    return np.asarray(np.eye(3) + K * (math.sin(angle) / angle) + K @ K * ((1.0 - math.cos(angle)) / angle**2))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalFrame:
     """The estimator's local frame: its origin in the world and, on a flat earth, on the globe."""

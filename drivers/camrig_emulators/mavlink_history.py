@@ -10,6 +10,7 @@ import numpy as np
 
 from camrig.geometry.arrays import Array
 from camrig_emulators.mavlink_dynamics import Airframe, Motion
+from camrig_emulators.mavlink_frames import turn
 
 STEP_S = 0.01
 _KEPT_S = 20.0
@@ -37,11 +38,8 @@ class Sample:
 
     @property
     def R_world_body(self) -> Array:
-        """(3, 3) estimated attitude; the error is small enough for first order, made orthonormal again."""
-        x, y, z = self.attitude_error_rad
-        turn = np.array([[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]])
-        Q, R = np.linalg.qr(turn @ self.truth.T_world_body()[:3, :3])
-        return np.asarray(Q * np.sign(np.diag(R)))
+        """(3, 3) estimated attitude."""
+        return np.asarray(turn(self.attitude_error_rad) @ self.truth.T_world_body()[:3, :3])
 
 
 class History:

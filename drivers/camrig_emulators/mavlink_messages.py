@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -30,7 +31,7 @@ _VERSIONS = {3: 0x04070000, 12: 0x011100FF}  # ArduCopter 4.7 dev, PX4 1.17.0
 _CAPABILITIES = 0x2 | 0x8 | 0x80 | 0x100 | 0x2000 | 0x40000  # float params, COMMAND_INT, local and global targets …
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(eq=False)
 class Report:
     """What a message may tell: ``sample`` is what telemetry knows now, ``earlier`` the step before it."""
 
@@ -43,12 +44,12 @@ class Report:
         """The sample's stamp on the vehicle's clock."""
         return self.vehicle.boot_ms(self.sample.stamp_s)
 
-    @property
+    @cached_property
     def attitude(self) -> Array:
         """(3, 3) estimated R_ned_frd."""
         return R_ned_frd(self.sample.R_world_body)
 
-    @property
+    @cached_property
     def rates(self) -> tuple[float, float, float]:
         """Estimated body rates about forward, right, down."""
         dt_s = self.sample.stamp_s - self.earlier.stamp_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -45,9 +46,10 @@ class Params:
         return self._params[name].kind
 
     def set(self, name: str, value: float) -> None:
-        """Give a known parameter a value; integers are rounded."""
+        """Give a known parameter a value; integers are rounded, what is no number is left out."""
         param = self._params[name]
-        param.value = value if param.kind == REAL32 else float(round(value))
+        if math.isfinite(value):
+            param.value = value if param.kind == REAL32 else float(round(value))
 
     def encode(self, name: str) -> float:
         """Return the value as PARAM_VALUE carries it."""

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from camrig.geometry.arrays import Array
 from camrig_emulators.mavlink_cockpit import (
     ACCEPTED,
     CRITICAL,
@@ -17,12 +16,11 @@ from camrig_emulators.mavlink_cockpit import (
     UNSUPPORTED,
     WARNING,
     Cockpit,
-    CommandParams,
     ReturnHome,
-    SetPoint,
 )
 from camrig_emulators.mavlink_dynamics import Demand
-from camrig_emulators.mavlink_frames import swap, swap_yaw
+from camrig_emulators.mavlink_firmware import CommandParams, whole
+from camrig_emulators.mavlink_set_points import PX4_FRAMES, SetPoint, px4_goal
 
 
 def custom_mode(main: int, sub: int = 0) -> int:
@@ -49,10 +47,6 @@ _DATA_LINK_CHECK_S = 2.0  # measured: 12 s with COM_DL_LOSS_T 10
 _TALKS_FOR_S = 2.5  # STATUSTEXTs wait while no ground station is heard
 _OFFBOARD_LOSS_MODES = {4: LAND, 5: HOLD}  # COM_OBL_RC_ACT; all others need a remote control and become RTL
 _DATA_LINK_LOSS_MODES = {1: HOLD, 2: RTL, 3: LAND}  # NAV_DLL_ACT
-
-_LOCAL_NED, _BODY_NED = 1, 8
-_IGNORE_POSITION, _IGNORE_VELOCITY = (0x001, 0x002, 0x004), (0x008, 0x010, 0x020)
-_IGNORE_YAW, _IGNORE_YAW_RATE = 0x400, 0x800
 
 
 class Px4:
@@ -200,7 +194,7 @@ class Px4:
     def command(self, command: int, params: CommandParams) -> int | None:
         match command:
             case 176:
-                self._set_mode(int(params[1]), int(params[2]))
+                self._set_mode(whole(params[1]), whole(params[2]))
                 return ACCEPTED  # whatever became of it: only HEARTBEAT tells
             case 400:
                 return self._arm(params[1]) if params[0] >= 0.5 else self._disarm_asked(params[1])
@@ -280,7 +274,7 @@ class Px4:
             return ACCEPTED
         x, y, z = cockpit.sample.position_m
         wanted = altitude_m - cockpit.frame.altitude_m + float(cockpit.frame.origin_m[2])
-        if not wanted > z:
+        if not z < wanted < math.inf:
             wanted = float(z) + cockpit.params["MIS_TAKEOFF_ALT"]
         self._enter(TAKEOFF, Demand(position_m=np.array([x, y, wanted]), yaw_rad=cockpit.yaw_rad))
         return ACCEPTED
@@ -288,38 +282,15 @@ class Px4:
     # --- set-points ---------------------------------------------------------------------------------------
 
     def set_point(self, point: SetPoint) -> None:
-        """Outside OFFBOARD a set-point only says that somebody is there. Each axis may be ignored singly."""
-        if point.coordinate_frame not in {_LOCAL_NED, _BODY_NED}:
+        """Outside OFFBOARD a set-point only says that somebody is there."""
+        cockpit, kept = self._cockpit, self._goal.yaw_rad
+        if point.coordinate_frame not in PX4_FRAMES:
             frame = point.coordinate_frame
-            self._cockpit.say(CRITICAL, f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported")
+            cockpit.say(CRITICAL, f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported")
             return
-        position = _masked(point.position, point.type_mask, _IGNORE_POSITION)
-        velocity = _masked(point.velocity, point.type_mask, _IGNORE_VELOCITY)
-        if point.coordinate_frame == _BODY_NED:
-            position, velocity = np.full(3, np.nan), self._turned(velocity)
-        if np.all(np.isnan(position)) and np.all(np.isnan(velocity)):
+        goal = px4_goal(point, cockpit, cockpit.yaw_rad if math.isnan(kept) else kept)
+        if goal is None:
             return
-        self._set_point_s = self._cockpit.now_s
+        self._set_point_s = cockpit.now_s
         if self.custom_mode == OFFBOARD:
-            self._goal = self._followed(point, position, velocity)
-
-    def _followed(self, point: SetPoint, position: Array, velocity: Array) -> Demand:
-        place, speed = self._cockpit.frame.to_world(position), swap(velocity)
-        if not point.type_mask & _IGNORE_YAW:
-            return Demand(place, speed, yaw_rad=swap_yaw(point.yaw_rad))
-        if not point.type_mask & _IGNORE_YAW_RATE:
-            return Demand(place, speed, yaw_rate_rad_s=-point.yaw_rate_rad_s)
-        kept = self._goal.yaw_rad
-        return Demand(place, speed, yaw_rad=self._cockpit.yaw_rad if math.isnan(kept) else kept)
-
-    def _turned(self, forward_right_down: Array) -> Array:
-        if np.all(np.isnan(forward_right_down)):
-            return forward_right_down
-        forward, right, down = np.nan_to_num(forward_right_down, nan=0.0)
-        yaw = swap_yaw(self._cockpit.yaw_rad)
-        c, s = math.cos(yaw), math.sin(yaw)
-        return np.array([c * forward - s * right, s * forward + c * right, down])
-
-
-def _masked(values: Array, type_mask: int, bits: tuple[int, int, int]) -> Array:
-    return np.array([math.nan if type_mask & bit else value for value, bit in zip(values, bits, strict=True)])
+            self._goal = goal

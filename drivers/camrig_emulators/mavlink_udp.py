@@ -12,10 +12,12 @@ import threading
 
 from camrig.clock import Clock
 from camrig_emulators.faults import Faults
-from camrig_emulators.mavlink_protocol import Datagram, MavlinkProtocol
+from camrig_emulators.mavlink_outbox import Datagram
+from camrig_emulators.mavlink_protocol import MavlinkProtocol
 
 _DATAGRAM_BYTES = 2048
 _LONGEST_WAIT_S = 0.1
+_READ_AT_ONCE = 64  # so that a flood does not keep telemetry waiting
 
 
 class UdpPort:
@@ -31,8 +33,9 @@ class UdpPort:
         self._rng = random.Random(seed)
         self._late: list[tuple[float, int, Datagram]] = []  # a heap, by the time of sending
         self._sent = 0
-        self._socket: socket.socket | None = _bound(0)
-        self.port: int = self._socket.getsockname()[1]
+        opened = _bound(0)
+        self.port: int = opened.getsockname()[1]
+        self._socket: socket.socket | None = opened
         self._wake_read, self._wake_write = os.pipe()
         os.set_blocking(self._wake_read, False)
         self._stopping = threading.Event()
@@ -56,6 +59,8 @@ class UdpPort:
     def _run(self) -> None:
         with selectors.DefaultSelector() as selector:
             selector.register(self._wake_read, selectors.EVENT_READ)
+            if self._socket is not None:
+                selector.register(self._socket, selectors.EVENT_READ)
             while not self._stopping.is_set():
                 self._plug(selector)
                 self._listen()
@@ -67,20 +72,19 @@ class UdpPort:
             self._socket.close()
 
     def _plug(self, selector: selectors.BaseSelector) -> None:
-        known = self._socket is not None and self._socket.fileno() in selector.get_map()
         if self._faults.plugged and self._socket is None:
             self._socket = _bound(self.port)
+            selector.register(self._socket, selectors.EVENT_READ)
         elif not self._faults.plugged and self._socket is not None:
-            if known:
-                selector.unregister(self._socket)
+            selector.unregister(self._socket)
             self._socket.close()
             self._socket = None
             self._late.clear()
-        if self._socket is not None and self._socket.fileno() not in selector.get_map():
-            selector.register(self._socket, selectors.EVENT_READ)
 
     def _listen(self) -> None:
-        while self._socket is not None:
+        for _ in range(_READ_AT_ONCE):
+            if self._socket is None:
+                return
             try:
                 data, address = self._socket.recvfrom(_DATAGRAM_BYTES)
             except OSError:  # nothing more to read, or a peer that is gone

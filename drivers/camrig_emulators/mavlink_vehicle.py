@@ -6,8 +6,9 @@ import numpy as np
 
 from camrig.geometry.arrays import Transform
 from camrig_emulators.mavlink_ardupilot import ArduPilot
-from camrig_emulators.mavlink_cockpit import Cockpit, Firmware
+from camrig_emulators.mavlink_cockpit import Cockpit
 from camrig_emulators.mavlink_dynamics import Airframe
+from camrig_emulators.mavlink_firmware import Firmware
 from camrig_emulators.mavlink_frames import LocalFrame
 from camrig_emulators.mavlink_history import STEP_S, History
 from camrig_emulators.mavlink_params import ardupilot_params, px4_params
