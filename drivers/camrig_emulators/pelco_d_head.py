@@ -17,6 +17,8 @@ from camrig_emulators.pelco_d_bus import PelcoDBus, Stamped
 from camrig_emulators.pelco_d_settings import PelcoDEmulatorSection, PelcoDHeadSettings
 from camrig_emulators.pty_line import PtyLine
 
+__all__ = ["PelcoDEmulatorSection", "PelcoDHeadSettings", "PelcoDLine", "emulator"]
+
 _REAL_CLOCK = RealClock()
 
 
@@ -60,8 +62,14 @@ class PelcoDLine:
         with self._lock:
             return list(self._bus.sent)
 
+    @property
+    def port(self) -> str:
+        """The path that a driver opens; raises RuntimeError before ``start``."""
+        return self._line.path
+
     def start(self) -> str:
-        return self._line.start()
+        self._line.start()
+        return self._line.path
 
     def stop(self) -> None:
         self._line.stop()

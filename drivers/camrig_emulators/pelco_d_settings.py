@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Limits = tuple[float, float]
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+
+_STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+LAST_ADDRESS = 254
 
 
 class AxisMap(BaseModel):
@@ -15,20 +20,26 @@ class AxisMap(BaseModel):
     ``angle = sign * scale * raw + offset_deg``. The right and down bits always turn towards growing raw.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = _STRICT
 
     sign: Literal[-1, 1] = -1
-    scale: float = Field(default=1.0, gt=0.0)
+    scale: Positive = 1.0
     offset_deg: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{{sign: {self.sign}, scale: {self.scale:g}, offset_deg: {self.offset_deg:g}}}"
 
 
 class AxisMaps(BaseModel):
     """Both axes; the defaults are an upright head that counts clockwise and down (convention A)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = _STRICT
 
     pan: AxisMap = AxisMap()
     tilt: AxisMap = AxisMap()
+
+    def __str__(self) -> str:
+        return f"{{pan: {self.pan}, tilt: {self.tilt}}}"
 
 
 class PelcoDHeadSettings(BaseModel):
@@ -37,34 +48,42 @@ class PelcoDHeadSettings(BaseModel):
     ``true = encoder -+ backlash_deg / 2 + zero_error_deg``, the sign being that of the last travel.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = _STRICT
 
-    id: str
-    address: int = Field(default=1, ge=1, le=254)
+    id: str = Field(min_length=1)
+    address: int = Field(default=1, ge=1, le=LAST_ADDRESS)
     baud: Literal[2400, 4800, 9600, 19200, 38400, 115200] = 9600
-    answers: Literal["none", "general", "queries", "full"] = Field(
-        default="queries",
-        description="none; general: 4 bytes to every command; queries: positions to queries; full: both",
-    )
+    answers: Literal["none", "general", "queries", "full"] = "queries"
+    """none; general: 4 bytes to every command; queries: positions to queries, else nothing; full: both."""
     start_pan_deg: float = 0.0
     start_tilt_deg: float = 0.0
-    pan_limits_deg: Limits | None = Field(default=(-170.0, 170.0), description="null turns without end")
+    pan_limits_deg: Limits | None = (-170.0, 170.0)
+    """null turns without end."""
     tilt_limits_deg: Limits = (-90.0, 20.0)
-    out_of_range: Literal["clamp", "ignore"] = Field(default="clamp", description="what a target outside limits does")
-    max_speed_deg_s: float = Field(default=40.0, gt=0.0, description="of speed byte 3F and of moves to a position")
-    acceleration_deg_s2: float = Field(default=160.0, gt=0.0)
-    start_latency_s: float = Field(default=0.05, ge=0.0, description="from a command's last byte to motion, from rest")
-    reply_latency_s: float = Field(default=0.01, ge=0.0, description="from a command's last byte to its answer's first")
-    sample_fraction: float | None = Field(
-        default=None, ge=0.0, le=1.0, description="where within reply_latency_s the angle is sampled; null: anywhere"
-    )
-    backlash_deg: float = Field(default=0.0, ge=0.0, description="play between encoder and optics, in total, per axis")
-    zero_error_deg: tuple[float, float] = Field(default=(0.0, 0.0), description="pan and tilt: true minus reported")
-    readback_step_deg: float = Field(default=0.01, gt=0.0)
+    out_of_range: Literal["clamp", "ignore"] = "clamp"
+    """What becomes of a target outside the limits."""
+    max_speed_deg_s: Positive = 40.0
+    """Of moves to a position, and of speed byte 3F; slower bytes in proportion."""
+    acceleration_deg_s2: Positive = 160.0
+    start_latency_s: NotNegative = 0.05
+    """From a command's last byte to motion, where the axis was at rest."""
+    reply_latency_s: NotNegative = 0.01
+    """From a command's last byte to its answer's first; the angle is sampled in between."""
+    sample_fraction: float | None = Field(default=None, ge=0.0, le=1.0)
+    """Where in reply_latency_s the angle is sampled; null: anywhere, another each time."""
+    backlash_deg: NotNegative = 0.0
+    """Play between encoder and optics, in total, of each axis."""
+    zero_error_deg: tuple[float, float] = (0.0, 0.0)
+    """True minus reported, of pan and of tilt."""
+    readback_step_deg: Positive = 0.01
     axes: AxisMaps = AxisMaps()
-    dead_man_s: float | None = Field(default=None, gt=0.0, description="a jog ends by itself after so long")
-    min_gap_s: float = Field(default=0.0, ge=0.0, description="commands closer to the one before go unheard")
-    reset_s: float = Field(default=5.0, ge=0.0, description="deaf for so long after a remote reset")
+    """How angles stand on the wire."""
+    dead_man_s: Positive | None = None
+    """A jog that is not repeated ends after so long; null: never."""
+    min_gap_s: NotNegative = 0.0
+    """A command that begins sooner after the one before is not heard."""
+    reset_s: NotNegative = 5.0
+    """A remote reset leaves the head deaf for so long."""
 
     @model_validator(mode="after")
     def _starts_within_limits(self) -> PelcoDHeadSettings:
@@ -73,21 +92,21 @@ class PelcoDHeadSettings(BaseModel):
             ("tilt", self.start_tilt_deg, self.tilt_limits_deg),
         ):
             if limits is not None and not limits[0] <= start <= limits[1]:
-                raise ValueError(
-                    f"start_{axis}_deg {start:g} is outside {axis}_limits_deg {limits[0]:g} to {limits[1]:g}"
-                )
+                allowed = f"{axis}_limits_deg {limits[0]:g} to {limits[1]:g}"
+                raise ValueError(f"start_{axis}_deg {start:g} is outside {allowed}")
         return self
 
 
 class PelcoDEmulatorSection(PelcoDHeadSettings):
     """A line of like heads on one port, as ``camrig emulate pelco-d`` runs it."""
 
-    id: str = "head"
-    heads: int = Field(default=1, ge=1, le=32, description="how many, at addresses from address upwards")
+    id: str = Field(default="head", min_length=1)
+    heads: int = Field(default=1, ge=1, le=32)
+    """How many, at addresses from ``address`` upwards."""
     seed: int = 0
 
     @model_validator(mode="after")
     def _has_addresses_for_all(self) -> PelcoDEmulatorSection:
-        if self.address + self.heads - 1 > 254:
-            raise ValueError(f"{self.heads} heads from address {self.address} upwards go beyond the last address, 254")
+        if self.address + self.heads - 1 > LAST_ADDRESS:
+            raise ValueError(f"{self.heads} heads from address {self.address} upwards go beyond {LAST_ADDRESS}")
         return self

@@ -94,8 +94,15 @@ class PtyLine:
         self._wake_read = self._wake_write = -1
         faults.watch(self._wake)
 
-    def start(self) -> str:
-        """Open the terminal and start its thread; return the path that stays the same over a replug."""
+    @property
+    def path(self) -> str:
+        """The name under which the driver finds the line, the same over a replug."""
+        if self._folder is None:
+            raise RuntimeError(f"the emulated line {self._name} has no port before it is started")
+        return str(self._folder / self._name)
+
+    def start(self) -> None:
+        """Open the terminal and start its thread; twice is allowed."""
         if self._folder is None:
             self._folder = Path(tempfile.mkdtemp(prefix="camrig-"))
             self._wake_read, self._wake_write = os.pipe()
@@ -104,7 +111,6 @@ class PtyLine:
             terminal = self._plug(self._folder)
             self._thread = threading.Thread(target=self._serve, args=(self._folder, terminal), name=self._name)
             self._thread.start()
-        return str(self._folder / self._name)
 
     def stop(self) -> None:
         """End the thread and remove the terminal and its name; twice is allowed."""
