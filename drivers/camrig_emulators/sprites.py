@@ -24,7 +24,6 @@ _OUTLINE = np.array(
 )
 _TEXELS_PER_CELL = (4, 8, 16, 32, 64)
 _MIN_SIDE_PX = 3.0
-_NO_SECOND_MAP = np.empty((0, 0), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,14 +150,9 @@ def _paint_plate(
     at_samples = _finer(at_pixels, supersampling)
     top, left = (y0 - rect[1]) * supersampling, (x0 - rect[0]) * supersampling
     bottom, right = top + (y1 - y0) * supersampling, left + (x1 - x0) * supersampling
-    cv2.remap(
-        texture,
-        at_samples,
-        _NO_SECOND_MAP,
-        cv2.INTER_LINEAR,
-        dst=target[top:bottom, left:right],
-        borderMode=cv2.BORDER_TRANSPARENT,
-    )
+    patch = target[top:bottom, left:right]
+    # OpenCV takes None beside a two-channel map (not an empty array); its type stubs forget that.
+    cv2.remap(texture, at_samples, None, cv2.INTER_LINEAR, patch, cv2.BORDER_TRANSPARENT)  # type: ignore[call-overload]
 
 
 def _finer(at_pixels: FloatImage, supersampling: int) -> FloatImage:
