@@ -26,6 +26,9 @@ TAG_CORNERS = np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-
 _IPPE_ORDER = [3, 2, 1, 0]
 """IPPE_SQUARE wants top-left, top-right, bottom-right, bottom-left."""
 
+_NUDGE = np.array([[1e-9, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+"""Of a square seen exactly head-on in the exact middle OpenCV returns the mirror image, twice; a micropixel helps."""
+
 _STEPS = 15
 _DONE = 1e-4
 _DONE_SHARE = 1e-3
@@ -95,7 +98,7 @@ def square_poses(ideal: Array, px_per_ideal: Array, size_m: float) -> tuple[Squa
     model = size_m * TAG_CORNERS
     try:
         found, rotations, translations, _ = cv2.solvePnPGeneric(
-            model[_IPPE_ORDER], ideal[_IPPE_ORDER], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+            model[_IPPE_ORDER], (ideal + _NUDGE)[_IPPE_ORDER], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE
         )
     except cv2.error:
         return ()
