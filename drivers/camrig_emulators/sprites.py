@@ -118,7 +118,8 @@ def _sprite(thing: Thing, pixels: Array, T_camera_world: Transform, rays: LensRa
     plates = [
         _plate_sprite(plate, around, T_camera_world, rays) for plate, around in zip(thing.plates, outlines, strict=True)
     ]
-    return Sprite(rect, outline, thing.grey, tuple(plate for plate in plates if plate is not None))
+    facing = tuple(plate for plate in plates if plate is not None)
+    return Sprite(rect, outline, thing.grey, facing) if facing or outline is not None else None
 
 
 def _plate_sprite(plate: Plate, pixels: Array, T_camera_world: Transform, rays: LensRays) -> PlateSprite | None:
