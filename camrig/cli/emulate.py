@@ -12,7 +12,9 @@ from typing import Annotated, Any
 import typer
 import yaml
 from pydantic import BaseModel
+from pydantic_core import to_json
 from rich.live import Live
+from rich.markup import escape
 from rich.table import Table
 
 from camrig import plugins
@@ -29,7 +31,7 @@ def emulate(
     device: Annotated[str, typer.Argument(help="What to emulate: pelco-d or drone.")],
     settings: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[KEY=VALUE]...", help="What it is like; see --settings. Values as in YAML."),
+        typer.Argument(metavar="KEY=VALUE", help="What it is like; see --settings. Values as in YAML."),
     ] = None,
     seconds: Annotated[float, typer.Option(min=0.0, help="Stop by itself after so long (0 = never).")] = 0.0,
     show_settings: Annotated[bool, typer.Option("--settings", help="List the keys and their defaults.")] = False,
@@ -108,6 +110,6 @@ def _key_and_value(setting: str) -> tuple[str, Any]:
 def _settings_table(device: str, model: type[BaseModel]) -> Table:
     table = Table("key", "default", "meaning", title=f"camrig emulate {device} [KEY=VALUE]...")
     for name, field in model.model_fields.items():
-        default = "required" if field.is_required() else field.get_default(call_default_factory=True)
-        table.add_row(name, str(default), field.description or "")
+        default = "" if field.is_required() else to_json(field.default).decode()
+        table.add_row(name, default, escape(field.description or ""))
     return table

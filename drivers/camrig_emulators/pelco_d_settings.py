@@ -26,9 +26,6 @@ class AxisMap(BaseModel):
     scale: Positive = 1.0
     offset_deg: float = 0.0
 
-    def __str__(self) -> str:
-        return f"{{sign: {self.sign}, scale: {self.scale:g}, offset_deg: {self.offset_deg:g}}}"
-
 
 class AxisMaps(BaseModel):
     """Both axes; the defaults are an upright head that counts clockwise and down (convention A)."""
@@ -37,9 +34,6 @@ class AxisMaps(BaseModel):
 
     pan: AxisMap = AxisMap()
     tilt: AxisMap = AxisMap()
-
-    def __str__(self) -> str:
-        return f"{{pan: {self.pan}, tilt: {self.tilt}}}"
 
 
 class PelcoDHeadSettings(BaseModel):
@@ -53,6 +47,7 @@ class PelcoDHeadSettings(BaseModel):
     id: str = Field(min_length=1)
     address: int = Field(default=1, ge=1, le=LAST_ADDRESS)
     baud: Literal[2400, 4800, 9600, 19200, 38400, 115200] = 9600
+    """Speed of the line; a port that is set to another one hears and says noise."""
     answers: Literal["none", "general", "queries", "full"] = "queries"
     """none; general: 4 bytes to every command; queries: positions to queries, else nothing; full: both."""
     start_pan_deg: float = 0.0
@@ -76,6 +71,7 @@ class PelcoDHeadSettings(BaseModel):
     zero_error_deg: tuple[float, float] = (0.0, 0.0)
     """True minus reported, of pan and of tilt."""
     readback_step_deg: Positive = 0.01
+    """What an answer is rounded to."""
     axes: AxisMaps = AxisMaps()
     """How angles stand on the wire."""
     dead_man_s: Positive | None = None
@@ -102,7 +98,7 @@ class PelcoDEmulatorSection(PelcoDHeadSettings):
 
     id: str = Field(default="head", min_length=1)
     heads: int = Field(default=1, ge=1, le=32)
-    """How many, at addresses from ``address`` upwards."""
+    """How many, at the addresses from the given one upwards."""
     seed: int = 0
 
     @model_validator(mode="after")

@@ -1,7 +1,8 @@
 """Pelco-D as the head sees it: frames out of bytes, answers into bytes. Written from the protocol text alone.
 
 A command is ``FF address command1 command2 data1 data2 sum``, the sum modulo 256 of the five bytes before it. The
-byte FF may stand anywhere in it, so only a correct sum tells where a frame begins.
+byte FF may stand in its data, so only a correct sum tells where a frame begins. No head has the address FF: a second
+FF in a row is a new beginning, or else noise before a stop for address 1 would make it one for address FF.
 """
 
 from __future__ import annotations
@@ -92,6 +93,8 @@ class CommandParser:
     def _drop_to_sync(self) -> None:
         garbage = self._bytes.find(SYNC)
         self._drop(len(self._bytes) if garbage < 0 else garbage)
+        while self._bytes[1:2] == bytes((SYNC,)):
+            self._drop(1)
 
     def _drop(self, count: int) -> None:
         del self._bytes[:count]
