@@ -23,6 +23,9 @@ from camrig.sensing import pixel_quality
 UPRIGHT_SIGMA_RAD = 0.02
 """One sigma of how upright a body on the floor stands: its suspension, the floor, and how well its tag was mounted."""
 
+MAX_LEAN_RAD = 0.15
+"""A floor body that leans further has fallen, or its tag is not where the rig says: it is not placed."""
+
 _CANDIDATES = 2
 
 
@@ -137,7 +140,7 @@ def _rows(fit: PoseFit, rows: slice) -> PoseFit:
 
 
 def _choose(seen: SeenBody, fit: PoseFit, camera: CameraPose) -> tuple[Transform, Array] | None:
-    """Return ``T_camera_body`` and its covariance; None where even the better candidate's corners do not fit.
+    """Return ``T_camera_body`` and its covariance; None where even the better candidate does not fit.
 
     Two candidates that the picture (and standing upright) cannot tell apart: the one nearer to the last known
     orientation, else the better one with a covariance that covers both.
@@ -148,6 +151,9 @@ def _choose(seen: SeenBody, fit: PoseFit, camera: CameraPose) -> tuple[Transform
     if fit.rms_sigma[best] * sigma_px > residual_limit_px(np.asarray(seen.width_px)):
         return None
     T = fit.T_camera_body
+    upright = float(camera.T_world_camera[2, :3] @ T[best][:3, 2])
+    if seen.body.motion == "floor" and upright < math.cos(MAX_LEAN_RAD):
+        return None
     rival = angle_between(T[0], T[1]) > SAME_RAD and not clearly_better(fit.chi2[best], fit.chi2[other])
     if rival and seen.T_world_body is not None:
         T_expected = invert(camera.T_world_camera) @ seen.T_world_body
