@@ -1,4 +1,4 @@
-"""What the emulated drone makes of the MAVLink it hears: stamps and datagrams in, datagrams out; no socket, no clock."""
+"""What the emulated drone makes of the MAVLink it hears: stamps and datagrams in, datagrams out; no socket."""
 
 from __future__ import annotations
 
