@@ -285,8 +285,8 @@ def test_what_is_no_answer_is_none(peer: Peer, answer: str, miss: Miss) -> None:
     peer.verify()
 
 
-def test_a_head_that_does_not_answer_is_said_so_at_open(peer: Peer) -> None:
-    peer.then(*[(ASK_PAN, "")] * 3)
+def test_a_head_that_does_not_answer_is_stopped_and_said_so_at_open(peer: Peer) -> None:
+    peer.then(*[(ASK_PAN, "")] * 3, *STOPPED)
     (head,) = make_heads(peer.path, 1)
     where = rf"head pt1 at address 1 on /dev/pts/\d+, {BAUD} baud, does not answer a pan query \(nothing came back\)"
     with pytest.raises(LinkLost, match=f"{where}; check its power"):
@@ -296,7 +296,7 @@ def test_a_head_that_does_not_answer_is_said_so_at_open(peer: Peer) -> None:
 
 
 def test_answers_faster_than_the_baud_rate_are_not_believed(peer: Peer) -> None:
-    peer.then(*[Step(bytes.fromhex(ASK_PAN), bytes.fromhex(PAN_0), 0.0)] * 3)
+    peer.then(*[Step(bytes.fromhex(ASK_PAN), bytes.fromhex(PAN_0), 0.0)] * 3, *STOPPED)
     (head,) = make_heads(peer.path, 1, baud=2400)
     with pytest.raises(LinkLost, match="sooner than the baud rate allows"):
         head.open()

@@ -93,17 +93,19 @@ class PelcoDHead:
         self._misses = 0
 
     def open(self) -> None:
-        """Open the line and ask for both axes; moves nothing, and first stops a head that a lost link left moving."""
+        """Open the line and ask for both axes; moves nothing. A head that a lost link may have left moving is stopped
+        first, and one that does not answer may still hear: it is stopped too before LinkLost is raised.
+        """
         if self._link is not None:
             return
         link = self._bus.attach(self._section.address)
         try:
             if self._unstopped:
-                link.stop()
-                self._unstopped = False
+                self._stop(link)
             for axis in self._axes:
                 self._first_answer(link, axis)
         except BaseException:
+            self._stop(link)
             link.close()
             raise
         self._misses = 0
@@ -142,11 +144,8 @@ class PelcoDHead:
 
     def stop(self) -> None:
         self._permit = None
-        if (link := self._link) is None:
-            return
-        with suppress(LinkLost):
-            link.stop()
-            self._unstopped = False
+        if (link := self._link) is not None:
+            self._stop(link)
 
     def guard(self) -> Guard:
         return Guard(self._opened().port.fd, encode(self._section.address, STOP) * _GUARD_STOPS)
@@ -158,6 +157,11 @@ class PelcoDHead:
             self.stop()
         self._link = None
         link.close()
+
+    def _stop(self, link: Link) -> None:
+        with suppress(LinkLost):
+            link.stop()
+            self._unstopped = False
 
     def _opened(self) -> Link:
         if self._link is None:
