@@ -1,0 +1,367 @@
+"""Tracks: consistency, independence of the order of arrival, the gate, birth, loss and restart."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from camrig import fuse
+from camrig.geometry import pose
+from camrig.geometry.arrays import Array
+from camrig.geometry.rotation import rotation_z, yaw_of
+from camrig.messages import Event, Sighting, Target, TargetStatus
+from camrig.rig import Body, Rig, Space
+
+SETTINGS = fuse.Settings()
+
+
+def rig_of(motion: str) -> Rig:
+    return Rig("test", Space(), {}, targets={"t": Body("t", (), motion)})
+
+
+FLOOR, FREE, STATIC = rig_of("floor"), rig_of("free"), rig_of("static")
+HERE = np.array([1.0, 2.0, 0.0])
+
+
+def six(position: Array, turn_sigma_rad: float = 0.02) -> Array:
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = position
+    covariance[3:, 3:] = turn_sigma_rad**2 * np.eye(3)
+    return covariance
+
+
+def sighting(
+    stamp_s: float,
+    position_m: Array = HERE,
+    camera_id: str = "a",
+    white: Array | None = None,
+    bias: Array | None = None,
+    quality_m: float = 0.003,
+    yaw_rad: float = 0.0,
+) -> Sighting:
+    return Sighting(
+        target_id="t",
+        camera_id=camera_id,
+        stamp_s=stamp_s,
+        T_world_body=pose.transform(rotation_z(yaw_rad), position_m),
+        covariance=six(np.diag([4e-6, 4e-6, 1.6e-5]) if white is None else white),
+        camera_covariance=six(1e-6 * np.eye(3) if bias is None else bias, 0.002),
+        quality_m=quality_m,
+        tags=1,
+    )
+
+
+def fused(
+    sightings: list[Sighting], rig: Rig = FLOOR, settings: fuse.Settings = SETTINGS
+) -> tuple[fuse.Tracks, tuple[Event, ...]]:
+    """Fuse one at a time, as frames arrive."""
+    tracks = fuse.Tracks()
+    notes: tuple[Event, ...] = ()
+    for one in sightings:
+        tracks, new = fuse.update(tracks, [one], rig, settings)
+        notes += new
+    return tracks, notes
+
+
+def target(tracks: fuse.Tracks, now_s: float, rig: Rig = FLOOR, settings: fuse.Settings = SETTINGS) -> Target:
+    (found,) = fuse.targets_at(tracks, rig, now_s, settings)
+    return found
+
+
+def random_covariance(rng: np.random.Generator, sigma_m: float) -> Array:
+    A = rng.normal(size=(3, 3))
+    return np.asarray(A @ A.T * sigma_m**2 + 0.01 * sigma_m**2 * np.eye(3))
+
+
+def within_chance(values: list[float], freedoms: int) -> bool:
+    """Whether a mean of NEES lies within the two-sided 99.8 % bounds of chi2."""
+    n = len(values)
+    low, high = (float(chi2.ppf(p, freedoms * n)) / n for p in (0.001, 0.999))
+    return bool(low <= np.mean(values) <= high)
+
+
+def nees(found: Target, truth: Array) -> float:
+    error = found.position_m - truth
+    return float(error @ np.linalg.solve(found.covariance_m2, error))
+
+
+# --- consistency ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("weighting", ["covariance", "quality"])
+@pytest.mark.parametrize("bias_sigma_m", [0.0, 0.004])
+def test_a_static_targets_covariance_is_what_sampling_shows_with_biased_cameras_too(
+    weighting: str, bias_sigma_m: float
+) -> None:
+    """Two cameras, each with an error of its own that stays: however many frames, the published covariance tells."""
+    still = fuse.MotionModel((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1e-6)
+    options = fuse.Settings(weighting=weighting, models={"static": still})  # type: ignore[arg-type]  # a parameter
+    rng = np.random.default_rng(0)
+    values, spread, naive = [], [], []
+    for _ in range(500):
+        white = random_covariance(rng, 0.003)
+        shared = {camera: random_covariance(rng, bias_sigma_m) for camera in "ab"}
+        bias = {camera: rng.multivariate_normal(np.zeros(3), shared[camera]) for camera in "ab"}
+        frames = [
+            sighting(0.05 * k, HERE + bias[c] + rng.multivariate_normal(np.zeros(3), white), c, white, shared[c])
+            for k, c in enumerate("aabab" * 4)
+        ]
+        tracks, _ = fuse.update(fuse.Tracks(), frames, STATIC, options)
+        found = target(tracks, 1.0, STATIC, options)
+        values.append(nees(found, HERE))
+        spread.append(math.sqrt(np.trace(found.covariance_m2)))
+        state = tracks.by_id["t"].state.belief
+        assert state is not None
+        naive.append(math.sqrt(np.trace(state.covariance[:3, :3])))
+    assert within_chance(values, 3)
+    if bias_sigma_m and weighting == "covariance":
+        assert np.mean(spread) > 1.5 * np.mean(naive)  # what a filter that takes bias for noise would claim
+
+
+def test_a_moving_targets_covariance_is_what_sampling_shows() -> None:
+    """The truth moves as the model says: drawn from its own transition and noise."""
+    rng = np.random.default_rng(1)
+    model = fuse.FREE
+    F, Q = model.step(0.1)
+    root = np.linalg.cholesky(Q)
+    values = []
+    for _ in range(500):
+        x = np.concatenate([HERE, rng.normal(size=3)])
+        white = random_covariance(rng, 0.01)
+        frames = []
+        for k in range(15):
+            x = F @ x + root @ rng.normal(size=6) if k else x
+            seen = x[:3] + rng.multivariate_normal(np.zeros(3), white)
+            frames.append(sighting(0.1 * k, seen, white=white, bias=np.zeros((3, 3))))
+        values.append(nees(target(fused(frames, FREE)[0], 1.4, FREE), x[:3]))
+    assert within_chance(values, 3)
+
+
+@pytest.mark.parametrize("model", [fuse.FLOOR, fuse.FREE, fuse.STATIC], ids=["floor", "free", "static"])
+@pytest.mark.parametrize(("first_s", "second_s"), [(1e-4, 3e-3), (0.03, 0.07), (0.4, 5.0)])
+def test_two_steps_of_a_motion_are_one_step_of_their_sum(
+    model: fuse.MotionModel, first_s: float, second_s: float
+) -> None:
+    (F1, Q1), (F2, Q2), (F, Q) = model.step(first_s), model.step(second_s), model.step(first_s + second_s)
+    assert pytest.approx(F2 @ F1, abs=1e-12) == F
+    assert pytest.approx(F2 @ Q1 @ F2.T + Q2, rel=1e-6, abs=1e-15) == Q
+
+
+def test_a_steady_motion_is_followed_without_lag_and_its_speed_known() -> None:
+    frames = [sighting(0.1 * k, HERE + 0.1 * k * np.array([0.3, -0.1, 0.0])) for k in range(40)]
+    found = target(fused(frames)[0], 3.9)
+    assert found.position_m == pytest.approx(frames[-1].T_world_body[:3, 3], abs=2e-3)
+    assert found.velocity_m_s == pytest.approx([0.3, -0.1, 0.0], abs=0.03)
+
+
+def test_a_floor_targets_height_is_learnt_and_helps_its_place() -> None:
+    """A camera looking down at 45 deg errs along its ray: height known, the place along it is known as well."""
+    ray = np.array([1.0, 0.0, -1.0]) / math.sqrt(2.0)
+    white = 1e-4 * np.outer(ray, ray) + 1e-7 * np.eye(3)
+    rng = np.random.default_rng(2)
+    frames = [
+        sighting(0.1 * k, HERE + rng.multivariate_normal(np.zeros(3), white), white=white, bias=np.zeros((3, 3)))
+        for k in range(60)
+    ]
+    on_floor, in_space = (target(fused(frames, rig)[0], 5.9, rig) for rig in (FLOOR, FREE))
+    assert on_floor.covariance_m2[0, 0] < 0.3 * in_space.covariance_m2[0, 0]
+    assert on_floor.position_m == pytest.approx(HERE, abs=0.006)
+
+
+def test_the_papers_weighting_follows_quality_and_not_covariance() -> None:
+    good, poor = HERE, HERE + np.array([0.03, 0.0, 0.0])
+    vague = np.diag([1e-2] * 3)
+    frames = [sighting(0.0, good, "a", vague, quality_m=0.002), sighting(0.0, poor, "b", vague, quality_m=0.004)]
+    options = replace(SETTINGS, weighting="quality")
+    found = target(fuse.update(fuse.Tracks(), frames, STATIC, options)[0], 0.0, STATIC, options)
+    share = (found.position_m - HERE)[0] / 0.03
+    # begun with the first sighting's covariance, then weighed by Q^2: the second counts in full
+    assert share > 0.9
+    assert found.quality_m == pytest.approx(1.0 / (1.0 / 0.002 + 1.0 / 0.004))
+
+
+# --- the order of arrival -------------------------------------------------------------------------------
+
+
+def scattered(seed: int, n: int = 12) -> list[Sighting]:
+    """Sightings of two cameras at odd times, some far off: births, gates and restarts included."""
+    rng = np.random.default_rng(seed)
+    frames, place = [], HERE
+    for _ in range(n):
+        place = place + (rng.normal(size=3) if rng.uniform() < 0.2 else 0.0)
+        white = random_covariance(rng, 0.05 if rng.uniform() < 0.3 else 0.003)
+        stamp_s = float(rng.uniform(0.0, 0.65))
+        frames.append(sighting(stamp_s, place + 0.003 * rng.normal(size=3), str(rng.choice(["a", "b"])), white))
+    return frames
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 10_000), st.randoms(use_true_random=False))
+def test_the_result_does_not_depend_on_the_order_of_arrival(seed: int, shuffler: object) -> None:
+    frames = scattered(seed)
+    shuffled = list(frames)
+    shuffler.shuffle(shuffled)  # type: ignore[attr-defined]  # random.Random, which hypothesis hands in untyped
+    start = [sighting(-0.01), *frames]
+    one, other = fused(start)[0], fused([start[0], *shuffled])[0]
+    assert_same(one, other)
+    # And so it stays once everything has left the buffer.
+    later = [sighting(2.0 + 0.1 * k) for k in range(12)]
+    assert_same(fuse.update(one, later, FLOOR)[0], fuse.update(other, later, FLOOR)[0])
+
+
+def assert_same(one: fuse.Tracks, other: fuse.Tracks) -> None:
+    a, b = target(one, 5.0), target(other, 5.0)
+    assert np.array_equal(a.position_m, b.position_m, equal_nan=True)
+    assert np.array_equal(a.covariance_m2, b.covariance_m2)
+    assert np.array_equal(a.R_world_body, b.R_world_body, equal_nan=True)
+    assert (a.status, a.seen_by, a.last_seen_s) == (b.status, b.seen_by, b.last_seen_s)
+
+
+def test_a_sighting_too_late_is_dropped_and_reported() -> None:
+    frames = [sighting(0.1 * k) for k in range(20)]
+    tracks, _ = fused(frames)
+    same, notes = fuse.update(tracks, [sighting(1.0, HERE + 1.0, "slow")], FLOOR)
+    assert same.by_id == tracks.by_id
+    (note,) = notes
+    assert note.about == "t"
+    assert "slow" in note.text
+    assert "0.7 s late" in note.text
+
+
+def test_the_same_sighting_twice_counts_once() -> None:
+    frames = [sighting(0.0), sighting(0.1), sighting(0.1), sighting(0.2)]
+    assert_same(fused(frames)[0], fused([frames[0], frames[1], frames[3]])[0])
+
+
+def test_the_buffer_stays_short() -> None:
+    tracks, _ = fused([sighting(0.05 * k) for k in range(200)])
+    track = tracks.by_id["t"]
+    assert len(track.sightings) == len(track.states) <= 15
+
+
+# --- birth, gate, loss ----------------------------------------------------------------------------------
+
+VAGUE = np.diag([0.1**2] * 3)
+
+
+def test_nobody_has_seen_it() -> None:
+    found = target(fuse.Tracks(), 3.0)
+    assert (found.id, found.status, found.stamp_s) == ("t", TargetStatus.UNSEEN, 3.0)
+    assert np.isnan(found.position_m).all()
+    assert np.isnan(found.R_world_body).all()
+    assert np.isinf(np.diag(found.covariance_m2)).all()
+    assert (found.seen_by, found.last_seen_s, found.quality_m) == ((), -math.inf, None)
+
+
+def test_a_good_first_sighting_is_enough() -> None:
+    found = target(fused([sighting(1.0)])[0], 1.1)
+    assert (found.status, found.seen_by, found.last_seen_s) == (TargetStatus.TRACKED, ("a",), 1.0)
+    assert found.position_m == pytest.approx(HERE)
+    assert found.quality_m == pytest.approx(0.003)
+
+
+def test_a_vague_one_waits_for_a_second_that_agrees() -> None:
+    first, elsewhere, agreeing = (
+        sighting(1.0, white=VAGUE),
+        sighting(1.1, HERE + 2.0, white=VAGUE),
+        sighting(1.2, HERE + 2.05, white=VAGUE),
+    )
+    tracks, _ = fused([first, elsewhere])
+    assert target(tracks, 1.1).status is TargetStatus.UNSEEN
+    assert fuse.predicted_poses(tracks, 1.1) == {}
+    found = target(fused([first, elsewhere, agreeing])[0], 1.2)
+    assert found.status is TargetStatus.TRACKED
+    assert found.position_m == pytest.approx(HERE + 2.025, abs=0.02)
+
+
+def test_a_vague_one_that_stays_alone_is_forgotten() -> None:
+    tracks, _ = fused([sighting(1.0, white=VAGUE), sighting(9.0, white=VAGUE)])
+    assert target(tracks, 9.0).status is TargetStatus.UNSEEN
+
+
+def test_one_wild_sighting_does_not_move_a_track() -> None:
+    steady = [sighting(0.1 * k) for k in range(10)]
+    wild = sighting(0.95, HERE + np.array([0.5, 0.0, 0.0]), "b")
+    found = target(fused([*steady, wild, sighting(1.0)])[0], 1.0)
+    assert found.position_m == pytest.approx(HERE, abs=1e-6)
+    assert found.seen_by == ("a",)
+
+
+def test_a_camera_that_errs_for_ever_does_not_win_while_another_agrees_with_the_track() -> None:
+    frames = [sighting(0.05 * k, HERE + (k % 2) * np.array([0.5, 0.0, 0.0]), "b" if k % 2 else "a") for k in range(60)]
+    tracks, notes = fused(frames)
+    assert notes == ()
+    assert target(tracks, 3.0).position_m == pytest.approx(HERE, abs=1e-3)
+
+
+def test_a_target_picked_up_and_put_down_elsewhere_is_found_there_and_reported() -> None:
+    there = HERE + np.array([1.5, -0.5, 0.0])
+    before = [sighting(0.1 * k) for k in range(20)]
+    after = [sighting(2.0 + 0.1 * k, there + 0.001 * k) for k in range(4)]
+    tracks, notes = fused([*before, *after[:2]])
+    assert notes == ()
+    assert target(tracks, 2.1).position_m == pytest.approx(HERE, abs=0.01)
+    tracks, notes = fused([*before, *after])
+    assert [note.about for note in notes] == ["t"]
+    assert "restarted" in notes[0].text
+    assert target(tracks, 2.3).position_m == pytest.approx(there, abs=0.01)
+
+
+def test_out_of_sight_it_is_lost_after_a_time_and_ever_less_certain_and_found_again() -> None:
+    tracks, _ = fused([sighting(0.1 * k) for k in range(10)])
+    soon, late, later = (target(tracks, now_s) for now_s in (2.8, 3.0, 30.0))
+    assert [one.status for one in (soon, late, later)] == [TargetStatus.TRACKED, TargetStatus.LOST, TargetStatus.LOST]
+    assert late.last_seen_s == 0.9
+    assert late.seen_by == ()
+    assert late.quality_m is None
+    sizes = [float(np.trace(one.covariance_m2)) for one in (soon, late, later)]
+    assert sizes == sorted(sizes)
+    # A robot at 0.4 m/s is somewhere within metres after half a minute, not kilometres.
+    assert 1.0 < math.sqrt(sizes[2]) < 10.0
+    again = sighting(30.0, HERE + np.array([4.0, -1.0, 0.0]))
+    found = target(fuse.update(tracks, [again], FLOOR)[0], 30.0)
+    assert found.status is TargetStatus.TRACKED
+    assert found.position_m == pytest.approx(again.T_world_body[:3, 3], abs=0.01)
+
+
+def test_a_lost_target_far_from_anywhere_it_could_be_is_started_anew() -> None:
+    tracks, _ = fused([sighting(0.1 * k) for k in range(10)])
+    again = sighting(4.0, HERE + 50.0)
+    found = target(fuse.update(tracks, [again], FLOOR)[0], 4.0)
+    assert found.position_m == pytest.approx(HERE + 50.0)
+
+
+def test_a_static_target_loses_next_to_nothing_while_nobody_looks() -> None:
+    frames = [sighting(0.1 * k) for k in range(10)]
+    tracks, _ = fused(frames, STATIC)
+    now, later = target(tracks, 0.9, STATIC), target(tracks, 60.0, STATIC)
+    assert later.position_m == pytest.approx(now.position_m)
+    assert np.trace(later.covariance_m2) < np.trace(now.covariance_m2) + 3e-6
+
+
+def test_a_tick_before_the_newest_sighting_is_answered_at_its_stamp() -> None:
+    found = target(fused([sighting(1.0)])[0], 0.95)
+    assert (found.stamp_s, found.status) == (1.0, TargetStatus.TRACKED)
+
+
+def test_predicted_poses_carry_place_and_heading_on() -> None:
+    frames = [sighting(0.1 * k, HERE + 0.1 * k * np.array([0.3, 0.0, 0.0]), yaw_rad=0.5) for k in range(30)]
+    poses = fuse.predicted_poses(fused(frames)[0], 3.0)
+    assert set(poses) == {"t"}
+    assert poses["t"][:3, 3] == pytest.approx(HERE + np.array([0.9, 0.0, 0.0]), abs=5e-3)
+    assert yaw_of(poses["t"][:3, :3]) == pytest.approx(0.5)
+
+
+def test_the_heading_is_averaged_while_it_stands_and_followed_when_it_turns() -> None:
+    rng = np.random.default_rng(4)
+    still = [sighting(0.1 * k, yaw_rad=0.3 + 0.02 * rng.normal()) for k in range(100)]
+    R = target(fused(still, STATIC)[0], 9.9, STATIC).R_world_body
+    assert yaw_of(R) == pytest.approx(0.3, abs=0.008)
+    turning = [sighting(0.1 * k, yaw_rad=0.1 * k) for k in range(20)]
+    assert yaw_of(target(fused(turning)[0], 1.9).R_world_body) == pytest.approx(1.9, abs=0.03)
