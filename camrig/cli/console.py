@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 people = Console(stderr=True)
 """Tables, progress and messages go here; standard output is for results."""
@@ -25,10 +25,10 @@ def print_json(answer: Mapping[str, object]) -> None:
 
 
 @contextmanager
-def progress_bar(description: str, total: float) -> Iterator[Progress]:
+def progress_bar(description: str, total: float, *, hidden: bool = False) -> Iterator[Progress]:
     """Show a progress bar on standard error while inside; its task is ``progress.task_ids[0]``."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=people, transient=True, disable=not people.is_terminal) as progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=people, transient=True, disable=hidden or not people.is_terminal) as progress:
         progress.add_task(description, total=total)
         yield progress
 

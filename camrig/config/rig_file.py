@@ -49,6 +49,12 @@ _TOP_LEVEL = (
 )
 _FILLED_BY_WORLD: dict[DeviceGroup, str] = {"cameras": "url", "heads": "port", "drones": "url"}
 """The key of a device's section that an emulated world fills in."""
+_UNTIL_FILLED: dict[DeviceGroup, str] = {
+    "cameras": "emulated-{}",
+    "heads": "emulated-{}",
+    "drones": "udpout://{}.emulated:1",
+}
+"""What stands there while the file is checked."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +106,8 @@ def load_rig(path: Path) -> RigConfig:
 
 def _with_key(device: DeviceConfig, key: str, value: str) -> DeviceConfig:
     raw = {**device.raw, key: value}
-    return replace(device, raw=raw, section=device.driver.section.model_validate(raw))
+    own = {name: given for name, given in raw.items() if name != "driver"}
+    return replace(device, raw=raw, section=device.driver.section.model_validate(own))
 
 
 @dataclass
@@ -225,7 +232,8 @@ class _Reader:
                 continue
             key = _FILLED_BY_WORLD[group]
             emulated = "world" in self.document.data and key in driver.section.model_fields and not raw.get(key)
-            section, faults = self.document.validate(driver.section, {**raw, key: "emulated"} if emulated else raw, at)
+            written = {**raw, key: _UNTIL_FILLED[group].format(self._id_at(at))} if emulated else raw
+            section, faults = self.document.validate(driver.section, written, at)
             self.faults += faults
             if section is not None:
                 devices[at] = DeviceConfig(model.driver, driver, section, {"driver": model.driver, **raw})

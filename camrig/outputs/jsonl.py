@@ -43,7 +43,7 @@ class JsonlSink:
             self._stream = sys.stdout
             return
         try:
-            self._stream = Path(self.section.path).open("a", encoding="utf-8")
+            self._stream = Path(self.section.path).open("a", encoding="utf-8")  # noqa: SIM115 - closed by close()
         except OSError as error:
             raise InputError(f"output '{self.section.path}' cannot be written: {error.strerror}") from error
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from camrig.clock import Clock
-from camrig.detect import detect
+from camrig.detect import detect_tags
 from camrig.errors import HardwareError, LinkLost, NotEnabledError
 from camrig.interfaces import Camera, Drone, Head, TagDetector
 from camrig.messages import AxisReading, DroneAim, DroneReading, Event, HeadAim, Level, TagDetections
@@ -43,7 +43,7 @@ class CameraJob:
         frame = self.camera.read(CAMERA_TIMEOUT_S)
         if frame is None or self._detector is None:
             return
-        found = detect(frame, self._detector, self.clock.now_s)
+        found = detect_tags(frame, self._detector, self.clock.now_s)
         self.frames += 1
         self.detect_s += found.detect_s
         self.detections.put(found)

@@ -1,8 +1,10 @@
+# ruff: noqa: E501 - a table of faults reads best unwrapped
 """The rig's YAML: every fault in one go, each with file, line and key; and what a good file becomes."""
 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -141,10 +143,8 @@ def test_no_damage_to_a_file_escapes_as_anything_but_faults(
     text = GOOD[:place] + data.draw(st.text(max_size=8)) + GOOD[place + length :]
     path = tmp_path_factory.mktemp("damaged") / "rig.yaml"
     path.write_text(text, encoding="utf-8", errors="replace")
-    try:
-        load_rig(path)
-    except ConfigError as error:
-        assert error.faults
+    with suppress(ConfigError):
+        assert load_rig(path).rig.name
 
 
 def test_lines_are_those_of_the_file_also_under_merged_keys(tmp_path: Path) -> None:

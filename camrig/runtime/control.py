@@ -1,0 +1,107 @@
+"""The control thread: it alone owns the pipeline's state, ticks at a fixed rate and calls ``pipeline.step``."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from camrig.clock import Clock
+from camrig.interfaces import Published, Sink
+from camrig.messages import DroneCommand, HeadCommand, Level, LinkReport, LinkStatus
+from camrig.pipeline import Inputs, Outputs, Settings, State, begin, rescan, step
+from camrig.rig import Rig
+from camrig.runtime.jobs import CameraJob, DroneJob, HeadJob
+from camrig.runtime.mailbox import Mailbox
+from camrig.runtime.planner_link import PlannerLink
+
+log = logging.getLogger(__name__)
+
+TICK_S = 0.02
+
+ItemT = TypeVar("ItemT")
+
+
+@dataclass(frozen=True)
+class Devices:
+    """The jobs of all devices, by id."""
+
+    cameras: Mapping[str, CameraJob]
+    heads: Mapping[str, HeadJob]
+    drones: Mapping[str, DroneJob]
+
+
+@dataclass
+class Control:
+    """Gathers what the workers measured, steps the pipeline, and hands out commands and results."""
+
+    rig: Rig
+    settings: Settings
+    devices: Devices
+    planner: PlannerLink
+    sinks: Sequence[Sink]
+    links: Mailbox[LinkReport]
+    clock: Clock
+    state: State = field(init=False)
+    latest: Published | None = None
+    link_states: dict[str, LinkStatus] = field(default_factory=dict)
+    orders: Mailbox[Callable[[State], State]] = field(default_factory=lambda: Mailbox(8))
+
+    def __post_init__(self) -> None:
+        self.state = begin(self.clock.now_s())
+
+    def tick(self) -> None:
+        """Do one turn of the loop; never blocks."""
+        now_s = self.clock.now_s()
+        for order in self.orders.take_all():
+            self.state = order(self.state)
+        inputs = self._gather()
+        self.state, outputs = step(self.state, inputs, self.rig, self.settings, now_s)
+        if outputs.request is not None:
+            self.planner.submit(outputs.request)
+        self._command(outputs)
+        self._publish(outputs.published)
+
+    def rescan(self) -> None:
+        """Operator's order: scan the whole floor again; any thread."""
+        self.orders.put(lambda state: rescan(state, self.clock.now_s()))
+
+    def _gather(self) -> Inputs:
+        devices = self.devices
+        heads = {name for name, job in devices.heads.items() if job.enabled}
+        links = self.links.take_all()
+        for report in links:
+            self.link_states[report.device_id] = report.status
+        refusals = [event for job in devices.drones.values() for event in job.refusals.take_all()]
+        return Inputs(
+            detections=_all(job.detections.take_all() for job in devices.cameras.values()),
+            axis_readings=_all(job.readings.take_all() for job in devices.heads.values()),
+            drone_readings=_all(job.readings.take_all() for job in devices.drones.values()),
+            links=links,
+            answer=self.planner.poll(),
+            enabled=frozenset(heads),
+            events=tuple(refusals),
+        )
+
+    def _command(self, outputs: Outputs) -> None:
+        for command in outputs.commands:
+            match command:
+                case HeadCommand(head_id=name, aim=aim):
+                    self.devices.heads[name].commands.put(aim)
+                case DroneCommand(drone_id=name, aim=drone_aim):
+                    self.devices.drones[name].commands.put(drone_aim)
+
+    def _publish(self, published: Published) -> None:
+        for event in published.events:
+            log.log(_LOG_LEVELS[event.level], "%s: %s", event.about, event.text)
+        for sink in self.sinks:
+            sink.write(published)
+        self.latest = published
+
+
+_LOG_LEVELS = {Level.INFO: logging.INFO, Level.WARNING: logging.WARNING}
+
+
+def _all(groups: Iterable[tuple[ItemT, ...]]) -> tuple[ItemT, ...]:
+    return tuple(item for group in groups for item in group)

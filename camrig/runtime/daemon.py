@@ -1,0 +1,178 @@
+"""The daemon: builds the rig's devices, runs their workers and the control thread, and brings everything to rest."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from camrig.clock import Clock, RealClock
+from camrig.config.rig_file import RigConfig
+from camrig.errors import CamrigError
+from camrig.interfaces import Sink
+from camrig.messages import LinkReport
+from camrig.pipeline import Settings
+from camrig.runtime.build import make_detector, make_devices, make_sinks
+from camrig.runtime.control import TICK_S, Control, Devices
+from camrig.runtime.guardian_link import GuardianLink
+from camrig.runtime.jobs import CameraJob, DroneJob, HeadJob
+from camrig.runtime.mailbox import Mailbox
+from camrig.runtime.notify import Notifier
+from camrig.runtime.planner_link import PlannerLink
+from camrig.runtime.worker import Job, Worker
+
+log = logging.getLogger(__name__)
+
+BEAT_LIMIT_S = 15.0
+"""A worker silent for longer is stuck: the watchdog is no longer fed. Opening a drone's link may take 10 s."""
+JOIN_S = 5.0
+FLUSH_S = 0.5
+SUPERVISE_S = 0.2
+
+
+@dataclass
+class Daemon:
+    """One rig at work: ``start``, ``supervise`` until it returns, then ``stop``, which is also the way out of errors.
+
+    ``extra_sinks`` receive everything that is published.
+    """
+
+    config: RigConfig
+    settings: Settings
+    extra_sinks: Sequence[Sink] = ()
+    clock: Clock = field(default_factory=RealClock)
+    notifier: Notifier = field(default_factory=Notifier)
+    control: Control = field(init=False)
+    devices: Devices = field(init=False)
+    _workers: list[Worker] = field(default_factory=list)
+    _stopping: threading.Event = field(default_factory=threading.Event)
+    _control_failure: BaseException | None = None
+    _cleanups: list[Callable[[], object]] = field(default_factory=list)
+
+    def start(self) -> None:
+        """Start everything; heads with ``enable: auto`` may move from here on, nothing else."""
+        try:
+            self._start()
+        except BaseException:
+            self.stop()
+            raise
+
+    def _start(self) -> None:
+        guardian = GuardianLink()
+        self._cleanups.append(guardian.close)
+        self.devices = self._build(guardian)
+        planner = PlannerLink(self.config.rig, self.settings.planner)
+        self._cleanups.append(planner.close)
+        sinks = [*make_sinks(self.config), *self.extra_sinks]
+        for sink in sinks:
+            sink.open(self.config.rig)
+            self._cleanups.append(sink.close)
+        links: Mailbox[LinkReport] = Mailbox(256)
+        self.control = Control(self.config.rig, self.settings, self.devices, planner, sinks, links, self.clock)
+        jobs: list[Job] = [*self.devices.heads.values(), *self.devices.drones.values(), *self.devices.cameras.values()]
+        self._workers = [Worker(job, self.clock, links, self._stopping.set) for job in jobs]
+        control = threading.Thread(target=self._run_control, name="control", daemon=True)
+        for worker in self._workers:
+            worker.start()
+        control.start()
+        self._cleanups.append(lambda: control.join(JOIN_S))
+        self.notifier.ready()
+
+    def supervise(self, until_s: float = float("inf")) -> None:
+        """Block until a stop is requested, every camera's recording has ended, a worker failed, or ``until_s``.
+
+        Raises the CamrigError of a device that is not what was configured; any other failure is re-raised as it is.
+        """
+        while not self._stopping.wait(SUPERVISE_S) and self.clock.now_s() < until_s:
+            now_s = self.clock.now_s()
+            if all(now_s - worker.beat_s < BEAT_LIMIT_S or worker.ended for worker in self._workers):
+                self.notifier.alive()
+            self.notifier.status(self.status_line())
+            cameras = [worker for worker in self._workers if worker.job.name in self.devices.cameras]
+            if cameras and all(worker.ended for worker in cameras):
+                self._stopping.wait(FLUSH_S)  # let the last detections pass through the pipeline
+                break
+        for failure in (self._control_failure, *(worker.failed for worker in self._workers)):
+            if failure is not None:
+                raise failure
+
+    def request_stop(self) -> None:
+        """Ask ``supervise`` to return; any thread, and signal handlers."""
+        self._stopping.set()
+
+    def stop(self) -> None:
+        """Bring the rig to rest: motion first, then threads, processes and outputs; twice is allowed."""
+        self.notifier.stopping()
+        self.hold()
+        self._stopping.set()
+        for worker in self._workers:
+            worker.request_stop()
+        stuck = [worker.job.name for worker in self._workers if not worker.join(JOIN_S)]
+        if stuck:
+            log.error("did not end within %.0f s: %s", JOIN_S, ", ".join(stuck))
+        while self._cleanups:
+            self._cleanups.pop()()
+
+    def hold(self) -> None:
+        """Stop every head and hold every drone, until ``resume`` or ``arm``; any thread."""
+        if not hasattr(self, "devices"):
+            return
+        actuators: list[HeadJob | DroneJob] = [*self.devices.heads.values(), *self.devices.drones.values()]
+        for job in actuators:
+            try:
+                job.stop()
+            except CamrigError as error:  # one head's trouble must not keep the next from its stop
+                log.warning("%s: stop failed: %s", job.name, error)
+
+    def resume(self) -> None:
+        """Operator's order: heads may move; any thread."""
+        for job in self.devices.heads.values():
+            job.resume()
+
+    def arm(self, drone: str) -> None:
+        """Operator's order: check, arm and climb to the lowest height of the box; any thread."""
+        self.devices.drones[drone].arm()
+
+    def land(self, drone: str) -> None:
+        """Operator's order: land where it is; any thread."""
+        self.devices.drones[drone].land()
+
+    @property
+    def stop_requested(self) -> bool:
+        """Whether somebody or something asked the daemon to end."""
+        return self._stopping.is_set()
+
+    def status_line(self) -> str:
+        """Return the state of the rig in one line."""
+        published = self.control.latest
+        tracked = sum(target.status.value == "tracked" for target in published.targets) if published else 0
+        lost = sorted(name for name, status in self.control.link_states.items() if status.value == "lost")
+        phase = "scanning" if self.control.state.mission.scanning else "tracking"
+        text = f"{phase}: {tracked} of {len(self.config.rig.targets)} targets"
+        return f"{text}; lost: {', '.join(lost)}" if lost else text
+
+    def _run_control(self) -> None:
+        try:
+            while not self._stopping.wait(TICK_S):
+                self.control.tick()
+        except BaseException as error:
+            log.exception("control: unexpected failure")
+            self._control_failure = error
+            self._stopping.set()
+
+    def _build(self, guardian: GuardianLink) -> Devices:
+        config, clock = self.config, self.clock
+        detector = partial(make_detector, config)
+        return Devices(
+            cameras={
+                name: CameraJob(name, camera, detector, clock)
+                for name, camera in make_devices(config, "cameras").items()
+            },
+            heads={
+                name: HeadJob(name, head, guardian, config.rig.heads[name].auto_enable)
+                for name, head in make_devices(config, "heads").items()
+            },
+            drones={name: DroneJob(name, drone, clock) for name, drone in make_devices(config, "drones").items()},
+        )
