@@ -18,7 +18,7 @@ def head(name: str = "head", **changed: object) -> PelcoDHeadSettings:
     return PelcoDHeadSettings.model_validate({"id": name, **changed})
 
 
-def raw(bench: Bench, opcode: int, address: int = 1) -> int:
+def read_raw(bench: Bench, opcode: int, address: int = 1) -> int:
     reply = bench.ask(address, opcode)
     assert len(reply) == 7
     return reply[4] << 8 | reply[5]
@@ -34,7 +34,7 @@ def truth_deg(bench: Bench, name: str = "head") -> tuple[float, float]:
 
 def test_nothing_moves_unasked_and_queries_move_nothing() -> None:
     bench = Bench(head(start_pan_deg=30.0, start_tilt_deg=-45.0))
-    assert (raw(bench, 0x51), raw(bench, 0x53)) == (33000, 4500)  # counts clockwise and down
+    assert (read_raw(bench, 0x51), read_raw(bench, 0x53)) == (33000, 4500)  # counts clockwise and down
     bench.wait(100.0)
     assert truth_deg(bench) == pytest.approx((30.0, -45.0))
 
@@ -114,13 +114,13 @@ def test_a_head_with_stops_goes_the_long_way_round_and_one_without_the_short() -
         bench.send(1, 0x4B, 16000)  # clockwise 160
         bench.wait(20.0)
         assert truth_deg(bench)[0] == pytest.approx(expected_deg)
-        assert raw(bench, 0x51) == 16000
+        assert read_raw(bench, 0x51) == 16000
 
 
 def test_set_zero_renames_the_present_angle_and_turns_nothing() -> None:
     bench = Bench(head(start_pan_deg=30.0))
     bench.send(1, 0x49)
-    assert raw(bench, 0x51) == 0
+    assert read_raw(bench, 0x51) == 0
     bench.send(1, 0x4B, 36000 - 1000)
     bench.wait(5.0)
     assert truth_deg(bench)[0] == pytest.approx(40.0)
@@ -166,7 +166,7 @@ def test_backlash_and_zero_error_are_in_the_truth_and_not_in_the_read_back() -> 
     for raw, play_deg in ((36000 - 3000, -0.2), (36000 - 6000, -0.2), (36000 - 3000, 0.2)):
         bench.send(1, 0x4B, raw)
         bench.wait(5.0)
-        assert raw(bench, 0x51) == raw
+        assert read_raw(bench, 0x51) == raw
         assert truth_deg(bench)[0] == pytest.approx((36000 - raw) / 100.0 + play_deg + 0.1)
     assert truth_deg(bench)[1] == pytest.approx(-0.05)
 
@@ -185,7 +185,7 @@ def test_the_map_to_raw_and_back_is_that_of_the_settings(
     wanted_raw = round((target_deg * scale - offset_deg) / (sign * scale) * 100.0) % 36000
     bench.send(1, 0x4B, wanted_raw)
     bench.wait(30.0)
-    raw = raw(bench, 0x51)
+    raw = read_raw(bench, 0x51)
     raw_deg = math.remainder(raw / 100.0, 360.0)
     turns = math.remainder(sign * scale * raw_deg + offset_deg - truth_deg(bench)[0], 360.0 * scale)
     assert turns == pytest.approx(0.0, abs=0.01 * scale)
@@ -194,11 +194,11 @@ def test_the_map_to_raw_and_back_is_that_of_the_settings(
 
 def test_read_back_is_quantised() -> None:
     bench = Bench(head(start_pan_deg=-12.34, readback_step_deg=0.1))
-    assert raw(bench, 0x51) == 1230
+    assert read_raw(bench, 0x51) == 1230
 
 
 def test_minus_nothing_reads_as_0_not_36000() -> None:
-    assert raw(Bench(head(start_pan_deg=0.004)), 0x51) == 0
+    assert read_raw(Bench(head(start_pan_deg=0.004)), 0x51) == 0
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.25, 1.0])
@@ -207,7 +207,7 @@ def test_the_angle_is_sampled_between_the_query_and_the_answer(fraction: float) 
     bench.send(1, RIGHT, 0x3F00)
     bench.wait(2.0)
     query_end_s = bench.now_s + 70 / 9600
-    raw = raw(bench, 0x51)
+    raw = read_raw(bench, 0x51)
     pan_rad, _ = bench.line.true_angles_rad("head", query_end_s + fraction * 0.02)
     assert raw == round(-math.degrees(pan_rad) * 100.0)
 
@@ -217,7 +217,7 @@ def test_without_a_fraction_the_instant_varies_within_the_window_and_with_the_se
         bench = Bench(head(pan_limits_deg=None), seed=seed)
         bench.send(1, RIGHT, 0x3F00)
         bench.wait(2.0)
-        return [raw(bench, 0x51) for _ in range(20)]
+        return [read_raw(bench, 0x51) for _ in range(20)]
 
     assert raws(1) == raws(1) != raws(2)
     steps = [math.remainder(b - a, 36000) for a, b in zip(raws(1), raws(1)[1:], strict=False)]

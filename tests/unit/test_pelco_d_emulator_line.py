@@ -18,7 +18,7 @@ def head(name: str = "head", **changed: object) -> PelcoDHeadSettings:
     return PelcoDHeadSettings.model_validate({"id": name, **changed})
 
 
-def raw(bench: Bench, opcode: int, address: int = 1) -> int:
+def read_raw(bench: Bench, opcode: int, address: int = 1) -> int:
     reply = bench.ask(address, opcode)
     assert len(reply) == 7
     return reply[4] << 8 | reply[5]
@@ -65,7 +65,7 @@ def test_two_heads_share_a_line() -> None:
     bench = Bench(head("a", address=1), head("b", address=2, start_pan_deg=10.0))
     bench.send(2, 0x4B, 4500)
     bench.wait(5.0)
-    assert (raw(bench, 0x51, address=1), raw(bench, 0x51, address=2)) == (0, 4500)
+    assert (read_raw(bench, 0x51, address=1), read_raw(bench, 0x51, address=2)) == (0, 4500)
     assert truth_deg(bench, "a") == (0.0, 0.0)
 
 
@@ -147,13 +147,13 @@ def test_a_silent_head_still_obeys() -> None:
 
 def test_frozen_read_back_stands_still_while_the_head_moves() -> None:
     bench = Bench(head())
-    assert raw(bench, 0x51) == 0
+    assert read_raw(bench, 0x51) == 0
     bench.line.faults.freeze = True
     bench.send(1, 0x4B, 3000)
     bench.wait(5.0)
-    assert raw(bench, 0x51) == 0
+    assert read_raw(bench, 0x51) == 0
     bench.line.faults.freeze = False
-    assert raw(bench, 0x51) == 3000
+    assert read_raw(bench, 0x51) == 3000
 
 
 def test_dropped_commands_are_on_the_wire_and_without_effect() -> None:
