@@ -36,12 +36,13 @@ class Cockpit:
     ready_at_s: float
     armed: bool = False
     landed: bool = True
+    flown: bool = False
+    """Whether it has left the floor since it was armed."""
     critical: bool = False
     home_m: Array | None = None
     texts: deque[tuple[int, str]] = field(default_factory=lambda: deque(maxlen=100))
     _armed_at_s: float = -math.inf
     _touched_s: float = -math.inf
-    _flown: bool = False
 
     @property
     def now_s(self) -> float:
@@ -57,11 +58,6 @@ class Cockpit:
     def yaw_rad(self) -> float:
         """Estimated heading in the world."""
         return self.sample.truth.yaw_rad + float(self.sample.attitude_error_rad[2])
-
-    @property
-    def flown(self) -> bool:
-        """Whether it has left the floor since it was armed."""
-        return self._flown
 
     @property
     def armed_s(self) -> float:
@@ -80,7 +76,7 @@ class Cockpit:
             self.home_m = sample.position_m
         if not self.airframe.on_floor:
             self._touched_s = math.inf
-            self._flown = self.armed
+            self.flown = self.armed
         elif self._touched_s == math.inf:
             self._touched_s = self.now_s
         self.landed = self.now_s - self._touched_s >= _LANDED_AFTER_S
@@ -91,7 +87,7 @@ class Cockpit:
 
     def arm(self) -> None:
         """Arm here; this place becomes home."""
-        self.armed, self._flown, self._armed_at_s = True, False, self.now_s
+        self.armed, self.flown, self._armed_at_s = True, False, self.now_s
         self.home_m = self.sample.position_m
 
     def disarm(self) -> None:

@@ -155,7 +155,7 @@ def test_sequence_numbers_count_on_each_link() -> None:
 
 
 @FLAVOURS
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     commands=st.lists(
         st.tuples(

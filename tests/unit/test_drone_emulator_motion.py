@@ -25,7 +25,7 @@ def airframe(**changes: Any) -> Airframe:
     return Airframe(MavlinkDroneSettings.model_validate(changes), np.random.default_rng(0))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(places=st.lists(PLACE, min_size=1, max_size=3), yaw_rad=st.floats(-3, 3))
 def test_it_keeps_its_limits_and_arrives(places: list[tuple[float, float, float]], yaw_rad: float) -> None:
     body = airframe(**CALM)
