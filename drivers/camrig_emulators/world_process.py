@@ -25,7 +25,7 @@ from camrig_emulators.stage import Stage
 from camrig_emulators.world_wire import AskCameraPose, Failed, Job, Request, SetFault, Stop
 
 _PARENT_CHECK_S = 0.2
-_LINGER_S = 0.4
+_LINGER_S = 0.3
 """How long the devices stay after the parent's death: the guardian's stop must still find its port."""
 _SWITCH_INTERVAL_S = 0.001
 
