@@ -1,8 +1,9 @@
 """The Kalman filter of one target, with the cameras' own errors carried along and never averaged away.
 
-A sighting's error is ``white + bias``: corner noise C, new in every frame, and what the camera's pose adds, B, the
-same for many frames of that camera. Gains K are those of an ordinary filter with R = C + B. What the estimate is worth
-follows from these gains (a *consider* covariance): with A = I - K H,
+A sighting's error is ``white + bias``: C, the part of the corner noise that is new in every frame, and B, the same
+for many frames of that camera: the part of the corner noise that repeats, and what the camera's pose adds. Gains K are
+those of an ordinary filter with R = C + B. What the estimate is worth follows from these gains (a *consider*
+covariance): with A = I - K H,
 
     W   <- A W A^T + K C K^T            what noise and motion leave
     S_c <- A S_c (+ K for camera c)     how far a bias of camera c moves the estimate
@@ -50,9 +51,9 @@ class Belief:
         return np.asarray(self.white + (self.sensitivity @ self.bias @ self.sensitivity.swapaxes(1, 2)).sum(axis=0))
 
 
-def begin(sighting: Sighting, model: MotionModel) -> Belief:
-    """Start from one sighting, at any velocity the motion allows."""
-    C, B = sighting.covariance[:3, :3], sighting.camera_covariance[:3, :3]
+def begin(sighting: Sighting, model: MotionModel, repeating: float) -> Belief:
+    """Start from one sighting, at any velocity the motion allows; ``repeating`` is that part of its corner noise."""
+    C, B = _white_and_bias(sighting, repeating)
     covariance, white = np.zeros((6, 6)), np.zeros((6, 6))
     covariance[3:, 3:] = white[3:, 3:] = np.diag(np.square(model.velocity_sigma_m_s))
     covariance[:3, :3], white[:3, :3] = C + B, C
@@ -95,9 +96,9 @@ def distance(belief: Belief, sighting: Sighting) -> float:
     return float(innovation @ np.linalg.solve(S, innovation))
 
 
-def update(belief: Belief, sighting: Sighting, R: Array) -> Belief:
-    """Take in a sighting at the belief's stamp; ``R`` (3, 3) is what it is weighed by."""
-    C, B = sighting.covariance[:3, :3], sighting.camera_covariance[:3, :3]
+def update(belief: Belief, sighting: Sighting, R: Array, repeating: float) -> Belief:
+    """Take in a sighting at the belief's stamp; weighed by ``R`` (3, 3); ``repeating`` as in ``begin``."""
+    C, B = _white_and_bias(sighting, repeating)
     PHt = belief.covariance[:, :3]
     K = np.linalg.solve(PHt[:3] + R, PHt.T).T
     A = np.eye(6)
@@ -122,6 +123,11 @@ def update(belief: Belief, sighting: Sighting, R: Array) -> Belief:
         R_world_body=R_world_body,
         turn_variance=turn_variance,
     )
+
+
+def _white_and_bias(sighting: Sighting, repeating: float) -> tuple[Array, Array]:
+    corners = sighting.covariance[:3, :3]
+    return (1.0 - repeating) * corners, sighting.camera_covariance[:3, :3] + repeating * corners
 
 
 def _with_camera(belief: Belief, camera_id: str) -> tuple[tuple[str, ...], int]:

@@ -61,6 +61,11 @@ class Settings:
     """``quality``: the paper's weighting, sightings weigh as 1/Q^2; published covariances stay honest under it."""
 
     models: dict[str, MotionModel] = field(default_factory=lambda: {"floor": FLOOR, "free": FREE, "static": STATIC})
+    repeating: float = 0.8
+    """The part of a sighting's corner variance that counts as the camera's own: pixel phase and the bend of edges come
+    again in the next frame, only about 0.02 px of the corners' noise is new (geometry.corner_noise).
+    """
+
     late_s: float = 0.7
     """Sightings may arrive this much after newer ones; later they are dropped and reported."""
 

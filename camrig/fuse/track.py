@@ -85,7 +85,7 @@ def _fold(state: State, sighting: Sighting, model: MotionModel, settings: Settin
         return _born(state, sighting, model, settings)
     predicted = predict(belief, sighting.stamp_s, model)
     if distance(predicted, sighting) <= settings.gate_chi2:
-        updated = update(predicted, sighting, _weight(sighting, settings))
+        updated = update(predicted, sighting, _weight(sighting, settings), settings.repeating)
         return replace(state, belief=updated, confirmed=True, rival=None, rival_hits=0)
     if not state.confirmed or unseen_s > settings.lost_after_s:
         return _born(state, sighting, model, settings)
@@ -96,15 +96,15 @@ def _born(state: State, sighting: Sighting, model: MotionModel, settings: Settin
     """Start from one sighting, confirmed at once where it is good enough."""
     total = sighting.covariance[:3, :3] + sighting.camera_covariance[:3, :3]
     sure = float(np.linalg.eigvalsh(total)[-1]) <= settings.sure_sigma_m**2
-    return State(begin(sighting, model), confirmed=sure, restarts=state.restarts)
+    return State(begin(sighting, model, settings.repeating), confirmed=sure, restarts=state.restarts)
 
 
 def _doubted(state: State, sighting: Sighting, model: MotionModel, settings: Settings) -> State:
     """Let sightings outside the gate build a rival; enough of them in a row replace the track."""
     predicted = predict(state.rival, sighting.stamp_s, model) if state.rival else None
     if predicted is None or distance(predicted, sighting) > settings.gate_chi2:
-        return replace(state, rival=begin(sighting, model), rival_hits=1)
-    rival = update(predicted, sighting, _weight(sighting, settings))
+        return replace(state, rival=begin(sighting, model, settings.repeating), rival_hits=1)
+    rival = update(predicted, sighting, _weight(sighting, settings), settings.repeating)
     if state.rival_hits + 1 < settings.restart_after:
         return replace(state, rival=rival, rival_hits=state.rival_hits + 1)
     return State(rival, confirmed=True, restarts=state.restarts + 1)

@@ -25,6 +25,9 @@ def rig_of(motion: str) -> Rig:
     return Rig("test", Space(), {}, targets={"t": Body("t", (), motion)})
 
 
+ALL_NEW = fuse.Settings(repeating=0.0)
+"""Corner noise white in time, as those tests draw it."""
+
 FLOOR, FREE, STATIC = rig_of("floor"), rig_of("free"), rig_of("static")
 HERE = np.array([1.0, 2.0, 0.0])
 
@@ -101,7 +104,7 @@ def test_a_static_targets_covariance_is_what_sampling_shows_with_biased_cameras_
 ) -> None:
     """Two cameras, each with an error of its own that stays: however many frames, the published covariance tells."""
     still = fuse.MotionModel((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1e-6)
-    options = fuse.Settings(weighting=weighting, models={"static": still})  # type: ignore[arg-type]  # a parameter
+    options = fuse.Settings(weighting=weighting, models={"static": still}, repeating=0.0)  # type: ignore[arg-type]  # a parameter
     rng = np.random.default_rng(0)
     values, spread, naive = [], [], []
     for _ in range(500):
@@ -124,6 +127,21 @@ def test_a_static_targets_covariance_is_what_sampling_shows_with_biased_cameras_
         assert np.mean(spread) > 1.5 * np.mean(naive)  # what a filter that takes bias for noise would claim
 
 
+def test_corner_noise_that_repeats_is_not_averaged_away() -> None:
+    """A standing tag, a standing camera: most of the corners' error is the same in every one of 20 frames."""
+    rng = np.random.default_rng(5)
+    values = []
+    for _ in range(300):
+        white = random_covariance(rng, 0.003)
+        same = rng.multivariate_normal(np.zeros(3), 0.8 * white)
+        frames = [
+            sighting(0.05 * k, HERE + same + rng.multivariate_normal(np.zeros(3), 0.2 * white), "a", white, 0.0 * white)
+            for k in range(20)
+        ]
+        values.append(nees(target(fuse.update(fuse.Tracks(), frames, STATIC)[0], 1.0, STATIC), HERE))
+    assert within_chance(values, 3)
+
+
 def test_a_moving_targets_covariance_is_what_sampling_shows() -> None:
     """The truth moves as the model says: drawn from its own transition and noise."""
     rng = np.random.default_rng(1)
@@ -139,7 +157,7 @@ def test_a_moving_targets_covariance_is_what_sampling_shows() -> None:
             x = F @ x + root @ rng.normal(size=6) if k else x
             seen = x[:3] + rng.multivariate_normal(np.zeros(3), white)
             frames.append(sighting(0.1 * k, seen, white=white, bias=np.zeros((3, 3))))
-        values.append(nees(target(fused(frames, FREE)[0], 1.4, FREE), x[:3]))
+        values.append(nees(target(fused(frames, FREE, ALL_NEW)[0], 1.4, FREE), x[:3]))
     assert within_chance(values, 3)
 
 
@@ -169,7 +187,7 @@ def test_a_floor_targets_height_is_learnt_and_helps_its_place() -> None:
         sighting(0.1 * k, HERE + rng.multivariate_normal(np.zeros(3), white), white=white, bias=np.zeros((3, 3)))
         for k in range(60)
     ]
-    on_floor, in_space = (target(fused(frames, rig)[0], 5.9, rig) for rig in (FLOOR, FREE))
+    on_floor, in_space = (target(fused(frames, rig, ALL_NEW)[0], 5.9, rig) for rig in (FLOOR, FREE))
     assert on_floor.covariance_m2[0, 0] < 0.3 * in_space.covariance_m2[0, 0]
     assert on_floor.position_m == pytest.approx(HERE, abs=0.006)
 
