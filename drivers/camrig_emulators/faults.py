@@ -13,7 +13,8 @@ whenever it hears or says something. Each device honours what makes sense for it
     echo             line only                 -                         -
     unplug, replug   line only                 socket                    device
 
-A fault never touches the truth: a head whose line is unplugged goes on doing what it was last told.
+The fakes in memory raise LinkLost while unplugged and honour ``silent``, ``freeze`` and ``drop_next``. A fault never
+touches the truth: a head whose line is unplugged goes on doing what it was last told.
 """
 
 from __future__ import annotations
@@ -97,10 +98,10 @@ class Faults:
             byte ^ (1 << rng.randrange(8)) if rng.random() < self._garble_probability else byte for byte in data
         )
 
-    def cut(self, reply: bytes) -> bytes:
-        """Return what is left of an answer."""
+    def cut(self, reply: bytes) -> tuple[int, bytes]:
+        """Return how many bytes an answer loses at its start, and what is left of it."""
         first, last = self._cut
-        return reply[first : max(first, len(reply) - last)]
+        return first, reply[first : max(first, len(reply) - last)]
 
     def _plug(self, *, plugged: bool) -> None:
         self._plugged = plugged

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from camrig.errors import InputError
 from camrig_emulators.faults import Faults
-from camrig_emulators.pelco_d_device import PelcoDHead
+from camrig_emulators.pelco_d_device import Answer, PelcoDHead
 from camrig_emulators.pelco_d_settings import PelcoDHeadSettings
 from camrig_emulators.pelco_d_wire import Command, CommandParser
 
@@ -98,13 +98,21 @@ class PelcoDBus:
             return
         for name, head in self.heads.items():
             answer = head.handle(command, frozen=self._faults.freeze)
-            if answer is not None and not self._faults.silent:
-                self._send(name, answer.start_s + self._faults.latency_s, self._faults.cut(answer.data))
+            for faults in (head.faults, self._faults):
+                answer = answer and self._suffered(answer, faults)
+            if answer is not None:
+                self._send(name, answer)
 
-    def _send(self, name: str, start_s: float, data: bytes) -> None:
+    def _suffered(self, answer: Answer, faults: Faults) -> Answer | None:
+        """Return what is left of an answer; a lost beginning still takes its time."""
+        lost, data = faults.cut(answer.data)
+        start_s = answer.start_s + faults.latency_s + lost * self.byte_s
+        return Answer(start_s, data) if data and not faults.silent else None
+
+    def _send(self, name: str, said: Answer) -> None:
         """Put an answer on the wire after this head's earlier ones; two heads at once make noise of both."""
-        start_s = max([start_s, *(item.end_s for item in self._outgoing if item.sender == name)])
-        answer = Transmission(name, start_s, start_s + len(data) * self.byte_s, data)
+        start_s = max([said.start_s, *(item.end_s for item in self._outgoing if item.sender == name)])
+        answer = Transmission(name, start_s, start_s + len(said.data) * self.byte_s, said.data)
         for other in self._outgoing:
             if other.sender not in {None, name} and other.start_s < answer.end_s and answer.start_s < other.end_s:
                 other.data, answer.data = self._noise(other.data), self._noise(answer.data)

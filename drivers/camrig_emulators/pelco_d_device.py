@@ -130,8 +130,8 @@ class PelcoDHead:
             self._move(command)
         else:
             self._extended(command.opcode, command)
-        data = b"" if self.faults.silent else self.faults.cut(self._reply(command, frozen or self.faults.freeze))
-        return Answer(command.end_s + self.settings.reply_latency_s + self.faults.latency_s, data) if data else None
+        data = self._reply(command, frozen or self.faults.freeze)
+        return Answer(command.end_s + self.settings.reply_latency_s, data) if data else None
 
     def _move(self, command: Command) -> None:
         """Obey a standard command: it says what both axes do from now on, so no direction bits mean stop."""

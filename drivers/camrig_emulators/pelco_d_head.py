@@ -85,7 +85,8 @@ class PelcoDLine:
         return math.radians(pan_deg), math.radians(tilt_deg)
 
     def describe(self) -> str:
-        return "; ".join(self._describe(name) for name in self._bus.heads)
+        with self._lock:
+            return "; ".join(self._describe(name) for name in self._bus.heads)
 
     # --- the far end of a serial line (pty_line.SerialDevice) -------------------------------------------------
 

@@ -17,10 +17,10 @@ import pytest
 if TYPE_CHECKING:
     from camrig.clock import ManualClock
     from camrig.config.rig_file import RigConfig
-    from camrig.interfaces import World
     from camrig_emulators.fakes import FakeDrone, FakeHead
     from camrig_emulators.mavlink_drone import MavlinkDrone, MavlinkDroneSettings
     from camrig_emulators.pelco_d_head import PelcoDHeadSettings, PelcoDLine
+    from camrig_emulators.world import EmulatedWorld
 
 
 @pytest.fixture
@@ -63,18 +63,19 @@ def drone_emulator() -> Iterator[Callable[..., tuple[str, MavlinkDrone]]]:
 
 
 @pytest.fixture
-def emulated_world() -> Iterator[Callable[[Path], tuple[RigConfig, World]]]:
+def emulated_world() -> Iterator[Callable[[Path], tuple[RigConfig, EmulatedWorld]]]:
     """Return ``start(config_file)``: a rig's emulated world, as (configuration with ports filled in, world)."""
     from camrig.config.rig_file import load_rig
     from camrig.errors import InputError
     from camrig.runtime.emulated import emulated_world as running
+    from camrig_emulators.world import EmulatedWorld
 
     with ExitStack() as stack:
 
-        def start(config_file: Path) -> tuple[RigConfig, World]:
+        def start(config_file: Path) -> tuple[RigConfig, EmulatedWorld]:
             config, world = stack.enter_context(running(load_rig(config_file)))
-            if world is None:
-                raise InputError(f"{config_file} has no world: section; give it one with driver: emulated")
+            if not isinstance(world, EmulatedWorld):
+                raise InputError(f"{config_file} has no emulated world; give it a section world: with driver: emulated")
             return config, world
 
         yield start
