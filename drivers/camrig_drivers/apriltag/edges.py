@@ -21,19 +21,19 @@ _NEAR_PX = 1.5
 """The same for the second round, which starts from sides that are nearly right."""
 
 
-def refine_corners(image: GreyImage, corners_px: Array, cell_px: float) -> Array:
+def refine_corners(image: GreyImage, corners_px: Array, cell_px: float) -> Array | None:
     """Refine (4, 2) corners, in order round a square of cells ``cell_px`` wide, the outermost of them black.
 
-    Returns the corners as they came where the picture shows no such square within one cell of them.
+    Returns None where the picture shows no such square within one cell of them.
     """
     refined = corners_px
     for reach_px in (max(_REACH_CELLS * cell_px, _NEAR_PX), _NEAR_PX):
         lines = _sides(image, refined, reach_px)
         if lines is None:
-            return corners_px
+            return None
         refined = _crossings(lines)
     moved_px = np.linalg.norm(refined - corners_px, axis=1)
-    return refined if (moved_px <= max(cell_px, 2.0 * _NEAR_PX)).all() else corners_px
+    return refined if (moved_px <= max(cell_px, 2.0 * _NEAR_PX)).all() else None
 
 
 def _sides(image: GreyImage, corners: Array, reach_px: float) -> Array | None:

@@ -64,6 +64,8 @@ class _Family:
             found = (quad.reshape(4, 2).astype(np.float64) + 0.5) * scale - 0.5
             cell_px = cv2.arcLength(found.astype(np.float32), closed=True) / 4.0 / self._cells
             corners = refine_corners(image, found, cell_px)
+            if corners is None:  # a border of another width: the bits fit, the corners would be a cell off
+                continue
             hamming, margin = self._read(image, corners, int(tag_id))
             ordered = corners[_TO_APRILTAG_ORDER]
             yield TagDetection(TagKey(self._name, int(tag_id)), ordered, _centre(corners), hamming, margin)
