@@ -31,7 +31,6 @@ from camrig.messages import (
     TargetStatus,
 )
 from camrig.rig import Body, Rig
-from camrig.steer import assign_drones
 
 ARRIVED_RAD = math.radians(1.0)
 ARRIVED_M = 0.15
@@ -101,7 +100,7 @@ def advance(
     now_s: float,
 ) -> Step:
     """Return the mission after this tick, a request for the planner where one is due, and what to tell the operator."""
-    mission = _take(mission, rig, known.pose, answer)
+    mission = _take(mission, answer)
     if not settings.aim or not (rig.heads or rig.drones):
         return replace(mission, scanning=False), None, ()
     if mission.scanning:
@@ -117,17 +116,14 @@ def rescan(mission: Mission, now_s: float) -> Mission:
     return Mission(started_s=now_s - ASSEMBLE_S, request_id=mission.request_id, answered_id=mission.request_id)
 
 
-def _take(mission: Mission, rig: Rig, pose: RigPose, answer: PlannerAnswer | None) -> Mission:
+def _take(mission: Mission, answer: PlannerAnswer | None) -> Mission:
     """Accept the planner's answer unless the mission has moved on since it was asked."""
     if answer is None or answer.request_id != mission.request_id:
         return mission
     mission = replace(mission, answered_id=answer.request_id)
     if isinstance(answer, ScanPlan):
         return replace(mission, scan=answer, stop_index=-1) if mission.scanning else mission
-    if mission.scanning:
-        return mission
-    plan = assign_drones(rig, answer, pose)
-    return replace(mission, plan=plan, goal={**mission.goal, **plan.aims})
+    return mission if mission.scanning else replace(mission, plan=answer, goal={**mission.goal, **answer.aims})
 
 
 def _scan(mission: Mission, known: Knowledge, settings: MissionSettings, now_s: float) -> Step:

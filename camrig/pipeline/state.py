@@ -12,7 +12,6 @@ from camrig.messages import (
     AxisReading,
     CameraPose,
     Command,
-    DroneAim,
     DroneReading,
     Event,
     FlightState,
@@ -23,7 +22,7 @@ from camrig.messages import (
 )
 from camrig.optimise import PlannerSettings
 from camrig.pipeline.mission import Mission, MissionSettings
-from camrig.steer import SteerSettings
+from camrig.steer import SteerSettings, SteerState
 
 
 @dataclass(frozen=True)
@@ -70,8 +69,7 @@ class State:
     """Frames whose camera's pose is not bracketed by readings yet."""
     camera_poses: Mapping[str, CameraPose] = field(default_factory=dict)
     """The last known pose of each camera."""
-    setpoints: Mapping[str, DroneAim] = field(default_factory=dict)
-    """Where each drone was last told to go."""
+    steer: SteerState = field(default_factory=SteerState)
     flight: Mapping[str, FlightState] = field(default_factory=dict)
     links: Mapping[str, LinkReport] = field(default_factory=dict)
     said_s: Mapping[tuple[str, str], float] = field(default_factory=dict)

@@ -24,13 +24,11 @@ def step(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     targets = fuse.targets_at(tracks, rig, now_s, settings.fuse)
     known = watch.knowledge(state, targets, inputs, rig, now_s)
     plan, request, events = mission.advance(state.mission, rig, known, inputs.answer, settings.mission, now_s)
-    goal = {camera: aim for camera, aim in plan.goal.items() if camera in known.movable}
-    steered = steer(rig, goal, known.pose, setpoints=state.setpoints, settings=settings.steer)
-    setpoints = watch.setpoints_after(state.setpoints, steered.commands, known.pose)
+    steered, commands = steer(state.steer, plan.goal, known.pose, known.movable, rig, settings.steer, now_s)
     said = (*inputs.events, *link_events, *notes, *fuse_notes, *events, *watch.held_events(steered.held, now_s))
-    state, said = watch.without_repeats(replace(state, tracks=tracks, mission=plan, setpoints=setpoints), said)
+    state, said = watch.without_repeats(replace(state, tracks=tracks, mission=plan, steer=steered), said)
     published = Published(now_s, targets, said, inputs.links, plan.plan, sightings, camera_poses)
-    return state, Outputs(published, request, steered.commands)
+    return state, Outputs(published, request, commands)
 
 
 Seen = tuple[State, tuple[Sighting, ...], tuple[CameraPose, ...], tuple[Event, ...]]

@@ -10,9 +10,7 @@ from camrig.geometry.rotation import yaw_of
 from camrig.messages import (
     Aim,
     AxisReading,
-    Command,
     DroneAim,
-    DroneCommand,
     DroneReading,
     Event,
     FlightState,
@@ -96,14 +94,6 @@ def rig_pose(state: State, now_s: float) -> RigPose:
             x, y, z = (float(value) for value in placed[0][:3, 3])
             drones[name] = DroneAim((x, y, z), yaw_of(placed[0][:3, :3]))
     return RigPose(heads, drones)
-
-
-def setpoints_after(
-    before: Mapping[str, DroneAim], commands: Iterable[Command], pose: RigPose
-) -> Mapping[str, DroneAim]:
-    """Return where each drone in the air was last told to go."""
-    told = {command.drone_id: command.aim for command in commands if isinstance(command, DroneCommand)}
-    return {name: aim for name, aim in {**before, **told}.items() if name in pose.drones}
 
 
 def held_events(held: Mapping[str, str], now_s: float) -> tuple[Event, ...]:
