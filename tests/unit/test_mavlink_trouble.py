@@ -1,0 +1,213 @@
+"""The vehicle logic in simulated time: failsafes, pilots, refusals, reboots, and everything at random."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camrig_drivers.mavlink.fitness import inside, unfit
+from camrig_drivers.mavlink.flavours import ARDUCOPTER, PX4, Flavour
+from camrig_drivers.mavlink.packets import (
+    Command,
+    StatusText,
+)
+from camrig_drivers.mavlink.phase import Phase
+from tests.mavlink_copter import BOTH, LOITER, SPEC, STEP_S, Flight
+
+
+@BOTH
+def test_vehicle_found_in_the_air_is_left_alone_until_armed(flavour: Flavour) -> None:
+    flight = Flight(flavour, position_m=(2.0, 2.0, 1.5), armed=True, landed_state=2, mode=LOITER)
+    flight.run(5.0)
+    flight.vehicle.stop(flight.now_s)
+    flight.run(1.0)
+    assert flight.commands() == []
+    assert flight.set_points() == []
+    flight.vehicle.arm(flight.now_s)
+    assert flight.reaches(Phase.FLYING)
+    flight.run(2.0)
+    assert set(flight.commands()) == {176}
+    assert flight.copter.position_m == pytest.approx((2.0, 2.0, 1.5), abs=0.01)
+
+
+@BOTH
+@pytest.mark.parametrize("stage", [Phase.ARMING, Phase.CLIMBING, Phase.FLYING, Phase.HOLDING])
+def test_mode_taken_away_ends_every_set_point(flavour: Flavour, stage: Phase) -> None:
+    flight = Flight(flavour, accepts_arming=stage is not Phase.ARMING)
+    flight.run(1.5)
+    flight.copter.deaf = stage is Phase.ARMING and flavour is ARDUCOPTER
+    flight.vehicle.arm(flight.now_s)
+    if stage is Phase.ARMING:
+        flight.copter.deaf = False
+        flight.copter.accepts_arming = True
+    assert flight.reaches(Phase.FLYING if stage is Phase.HOLDING else stage)
+    if stage is Phase.HOLDING:
+        flight.vehicle.stop(flight.now_s)
+        flight.run(0.1)
+    flight.copter.enter(LOITER)
+    flight.run(STEP_S)
+    taken_s = flight.now_s
+    flight.copter.enter(flavour.ours)  # whoever took it gives it back
+    flight.run(5.0)
+    assert flight.vehicle.phase is Phase.PASSIVE
+    assert flight.set_points(taken_s) == []
+    assert flight.commands(taken_s) == []
+    assert "mode" in flight.vehicle.reason
+
+
+def test_px4_set_points_that_we_interrupted_are_not_resumed() -> None:
+    flight = Flight(PX4)
+    flight.take_off()
+    flight.now_s += 1.2  # our thread hung; PX4 is in its failsafe now, and would come back by itself
+    flight.run(STEP_S)
+    since_s = flight.now_s
+    flight.run(2.0)
+    assert flight.set_points(since_s) == []
+    assert flight.vehicle.phase is Phase.PASSIVE
+
+
+@BOTH
+def test_reboot_in_flight_lets_go_and_asks_for_the_streams_again(flavour: Flavour) -> None:
+    flight = Flight(flavour)
+    flight.take_off()
+    since_s = flight.now_s
+    flight.copter.booted_s = flight.now_s - 1.0
+    flight.run(1.0)
+    assert flight.vehicle.phase is Phase.PASSIVE
+    assert flight.vehicle.reason == "it has rebooted"
+    asked = [said for stamp_s, said in flight.said if stamp_s > since_s and isinstance(said, Command)]
+    assert len([said for said in asked if said.command == 511]) >= 4
+
+
+@BOTH
+def test_refused_arming_gives_the_reason_and_nothing_more(flavour: Flavour) -> None:
+    flight = Flight(flavour, accepts_arming=False)
+    flight.run(1.5)
+    flight.vehicle.arm(flight.now_s)
+    assert flight.run(5.0, lambda: bool(flight.vehicle.reason))
+    assert "battery low" in flight.vehicle.reason
+    assert flight.reaches(Phase.PASSIVE, 3.0)
+    assert flight.copter.position_m[2] == 0.0
+    assert 22 not in flight.commands()
+
+
+def test_mode_that_is_accepted_but_not_taken_ends_the_attempt() -> None:
+    flight = Flight(PX4)
+    flight.run(1.5)
+    flight.copter.set_points_since_s = 1e9  # as if no set-point ever came through; the acks say accepted
+    flight.copter.last_set_point_s = 1e9
+    flight.vehicle.arm(flight.now_s)
+    assert flight.reaches(Phase.PASSIVE, 10.0)
+    assert "does not take mode" in flight.vehicle.reason
+    assert 400 not in flight.commands()
+
+
+@BOTH
+def test_estimate_that_jumps_stops_the_move(flavour: Flavour) -> None:
+    flight = Flight(flavour)
+    flight.take_off()
+    flight.run(1.0)
+    flight.vehicle.go_to((3.0, 2.0, 2.0), 0.0)
+    flight.run(1.0)
+    x, y, z = flight.copter.position_m
+    flight.copter.position_m = (x, y, z + 100.0)
+    flight.run(0.5)
+    assert flight.vehicle.phase is Phase.HOLDING
+    assert "implausibly" in flight.vehicle.reason
+    assert flight.set_points()[-1][1][2] == pytest.approx(z + 100.0, abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"position_m": (9.0, 1.0, 0.0)}, "outside its box"),
+        ({"position_m": (1.0, 1.0, 489.0)}, "plausible"),
+        ({"position_m": (1.0, 1.0, -2.0)}, "plausible"),
+        ({"prearm_ok": False}, "pre-arm"),
+        ({"armed": True, "landed_state": 0}, "EXTENDED_SYS_STATE"),
+    ],
+)
+def test_unfit_vehicle_is_named(change: dict[str, object], text: str) -> None:
+    flight = Flight(PX4, **change)
+    flight.run(2.0)
+    assert text in (unfit(SPEC, PX4, flight.vehicle.seen, flight.now_s) or "")
+
+
+def test_fitness_needs_fresh_heartbeat_and_position() -> None:
+    flight = Flight(ARDUCOPTER)
+    assert "local position" in (unfit(SPEC, ARDUCOPTER, flight.vehicle.seen, flight.now_s) or "")
+    flight.run(2.0)
+    assert unfit(SPEC, ARDUCOPTER, flight.vehicle.seen, flight.now_s) is None
+    assert "local position" in (unfit(SPEC, ARDUCOPTER, flight.vehicle.seen, flight.now_s + 1.0) or "")
+    assert "heartbeat" in (unfit(SPEC, ARDUCOPTER, flight.vehicle.seen, flight.now_s + 4.0) or "")
+
+
+def test_long_texts_are_joined_from_their_chunks() -> None:
+    flight = Flight(PX4)
+    for packet in [StatusText(2, "x" * 50, 7, 0), StatusText(2, "y" * 50, 7, 1), StatusText(2, "end\t", 7, 2)]:
+        flight.vehicle.hear(packet, flight.now_s)
+    assert flight.vehicle.seen.last_warning == "x" * 50 + "y" * 50 + "end"
+
+
+EVENTS = st.sampled_from(
+    [
+        "arm",
+        "stop",
+        "land",
+        "go_near",
+        "go_far",
+        "failsafe",
+        "back",
+        "deaf",
+        "hears",
+        "silent",
+        "speaks",
+        "hang",
+        "reboot",
+    ]
+)
+
+
+@BOTH
+@settings(max_examples=60, deadline=None)
+@given(events=st.lists(st.tuples(EVENTS, st.sampled_from([0.03, 0.4, 1.5, 4.0])), max_size=14))
+def test_whatever_happens_box_speed_and_permission_hold(flavour: Flavour, events: list[tuple[str, float]]) -> None:
+    flight = Flight(flavour)
+    flight.run(1.5)
+    ordered = False
+    for event, wait_s in events:
+        ordered = ordered or event in {"arm", "land"}
+        before = len(flight.said)
+        allowed = flight.vehicle.phase is not Phase.PASSIVE or event in {"arm", "land"}
+        disturb(flight, event)
+        flight.run(wait_s)
+        said = [item for item in flight.said[before:] if getattr(item[1], "command", 0) != 511]
+        assert allowed or not said
+        assert ordered or not flight.copter.armed
+        highest_m = max([0.0, *(point[2] for _, point in flight.set_points())])
+        assert highest_m <= SPEC.box_m[1][2] + 0.01
+        assert all(inside((x, y, 1.0), SPEC.box_m) for _, (x, y, _) in flight.set_points())
+
+
+def disturb(flight: Flight, event: str) -> None:
+    vehicle, copter, now_s = flight.vehicle, flight.copter, flight.now_s
+    if event == "arm" and unfit(SPEC, copter.flavour, vehicle.seen, now_s) is None:
+        vehicle.arm(now_s)
+    actions: dict[str, Callable[[], None]] = {
+        "stop": lambda: vehicle.stop(now_s),
+        "land": lambda: vehicle.land(now_s),
+        "go_near": lambda: vehicle.go_to((1.5, 1.0, 1.2), 0.0),
+        "go_far": lambda: vehicle.go_to((5.0, 3.0, 2.5), 3.0),
+        "failsafe": lambda: copter.enter(copter.flavour.land),
+        "back": lambda: copter.enter(copter.flavour.ours),
+        "deaf": lambda: setattr(copter, "deaf", True),
+        "hears": lambda: setattr(copter, "deaf", False),
+        "silent": lambda: setattr(copter, "silent", True),
+        "speaks": lambda: setattr(copter, "silent", False),
+        "hang": lambda: setattr(flight, "now_s", now_s + 1.5),
+        "reboot": lambda: setattr(copter, "booted_s", now_s),
+    }
+    actions.get(event, lambda: None)()
