@@ -98,12 +98,12 @@ class TestEveryDetector:
         detector = backend.make(backend.section(decimate=decimate))
         rng = np.random.default_rng(7)
         errors = []
-        for tag_id in range(25):
+        for tag_id in range(16):
             ideal = square(rng.uniform(40.0, 90.0), rng.uniform(0.0, 2.0 * np.pi), tuple(rng.uniform(118, 122, 2)))
             corners = ideal + rng.uniform(-2.0, 2.0, (4, 2))
             image = with_noise(draw(TagKey("tag36h11", tag_id), corners), rng)
             errors += [tag.corners_px - corners for tag in detector.detect(image)]
-        assert len(errors) == 25
+        assert len(errors) == 16
         np.testing.assert_allclose(np.mean(errors, axis=(0, 1)), 0.0, atol=0.03)
         assert np.median(np.linalg.norm(errors, axis=2)) < 0.1
 
@@ -174,7 +174,7 @@ class TestEveryDetector:
                 detector.detect(image)
 
     def test_a_shrink_factor_that_would_shift_the_corners_is_refused(self, backend: Plugin[TagDetector]) -> None:
-        with pytest.raises(ValueError, match=r"decimate must be one of 1, 1\.5, 2, 3, 4"):
+        with pytest.raises(ValueError, match=r"must be one of 1, 1\.5, 2, 3, 4"):
             backend.section(decimate=2.5)
 
     @pytest.mark.realtime

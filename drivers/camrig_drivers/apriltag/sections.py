@@ -27,7 +27,7 @@ DECIMATIONS = (1.0, 1.5, 2.0, 3.0, 4.0)
 
 def _decimation(value: float) -> float:
     if value not in DECIMATIONS:
-        raise ValueError(f"decimate must be one of {', '.join(f'{allowed:g}' for allowed in DECIMATIONS)}")
+        raise ValueError(f"must be one of {', '.join(f'{allowed:g}' for allowed in DECIMATIONS)}")
     return value
 
 
