@@ -31,11 +31,6 @@ from camrig.rig import Box
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
-_RUNNING_MIN_TAG_PX = 20.0
-"""Detectors find 9 tags in 10 from this narrow side on, even at decimate 2."""
-
-_RUNNING_MAX_INCIDENCE_RAD = math.radians(75.0)
-
 
 class SceneCameraModel(StrictModel):
     """What every camera of a scene has; the subclasses add what carries it."""
@@ -150,20 +145,6 @@ class SceneFile:
     def name(self) -> str:
         """The file's name without folder and ending."""
         return Path(self.file).stem
-
-
-def running_settings(model: PlannerModel) -> PlannerSettings:
-    """Return the settings of a running rig: covered means detectable, and moving needs a gain."""
-    return PlannerSettings(
-        quality=model.quality,
-        visibility=model.visibility,
-        objective=model.objective,
-        margin_rad=math.radians(model.margin_deg),
-        min_separation_m=model.min_separation_m,
-        min_tag_px=_RUNNING_MIN_TAG_PX,
-        max_incidence_rad=_RUNNING_MAX_INCIDENCE_RAD,
-        gain=model.gain,
-    )
 
 
 def load_scene(path: Path) -> SceneFile:

@@ -1,6 +1,8 @@
 """Targets and rig -> RigPlan: where every camera should look or hover. Pure; numpy and scipy."""
 
 from camrig.optimise.planner import plan, quality_at
+from camrig.optimise.running import plan_for
+from camrig.optimise.scan import scan_for
 from camrig.optimise.scene import (
     DronePlace,
     FixedPlace,
@@ -21,6 +23,8 @@ __all__ = [
     "SceneCamera",
     "SceneTarget",
     "plan",
+    "plan_for",
     "quality_at",
+    "scan_for",
     "scene_of",
 ]

@@ -20,6 +20,10 @@ from camrig.optimise.sight import Problem, alpha_rad, gains
 
 _FLOOR_STEPS = 12
 _HEIGHTS = 5
+_STEP_M = 0.25
+_MOST_STEPS = 24
+_SCAN_STEP_M = 0.5
+_SCAN_HEIGHTS = 2
 _MOST_TRIPLES = 600
 _ALMOST = 1.0 - 1e-9
 
@@ -35,6 +39,18 @@ def candidates(problem: Problem, camera: SceneCamera) -> Array:
             return np.zeros((1, 0))
 
 
+def floor_views(problem: Problem, camera: SceneCamera) -> Array:
+    """Return (K, d) vectors spread evenly over what a camera can look at: for a scan of the targets' whole extent."""
+    match camera.place:
+        case HeadPlace() as place:
+            origin = _nominal_position(place)
+            return np.unique(head_vectors(place, _towards_floor(problem.targets.points_m, origin)).round(6), axis=0)
+        case DronePlace() as place:
+            return _outside(problem, _box_grid(place, _SCAN_STEP_M, _SCAN_HEIGHTS))
+        case FixedPlace():
+            return np.zeros((1, 0))
+
+
 def useful(problem: Problem, camera: SceneCamera, vectors: Array) -> tuple[Array, Array]:
     """Return the vectors that see anything, and their (K, m) gains; where none does, the first alone."""
     table = gains(problem, camera, vectors)
@@ -44,8 +60,7 @@ def useful(problem: Problem, camera: SceneCamera, vectors: Array) -> tuple[Array
 
 
 def _head_candidates(problem: Problem, camera: SceneCamera, place: HeadPlace) -> Array:
-    low, high = bounds(place)
-    origin = camera_poses(place, ((low + high) / 2.0)[None])[1][0]
+    origin = _nominal_position(place)
     rays = problem.targets.points_m - origin
     u = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-9)
     first, second = np.triu_indices(len(u), k=1)
@@ -92,29 +107,36 @@ def _towards_floor(points_m: Array, origin: Array) -> Array:
 
 
 def _drone_candidates(problem: Problem, camera: SceneCamera, place: DronePlace) -> Array:
-    low, high = bounds(place)
     ground = problem.targets.points_m
     offset = camera_poses(place, np.zeros((1, 3)))[1][0]
     slopes = [math.tan(edge_rad) for edge_rad in _edges(problem, camera)]
-    axes = [
-        np.linspace(low[0], high[0], _steps(low[0], high[0])),
-        np.linspace(low[1], high[1], _steps(low[1], high[1])),
-    ]
-    heights = np.linspace(low[2], high[2], _HEIGHTS)
-    grid = np.stack(np.meshgrid(*axes, heights, indexing="ij"), axis=-1).reshape(-1, 3)
+    grid = _box_grid(place, _STEP_M, _HEIGHTS)
     centres, radii = _circles(ground[:, :2])
     above = [grid]
     for slope in slopes:
         z = ground[:, 2].mean() + radii / (slope * _ALMOST)
         above.append(np.column_stack([centres, z]) - offset)
-    above.append(_columns(ground[:, :2], heights) - offset)
-    vectors = within(place, np.concatenate(above))
+    above.append(_columns(ground[:, :2], np.unique(grid[:, 2])) - offset)
+    return _outside(problem, within(place, np.concatenate(above)))
+
+
+def _outside(problem: Problem, vectors: Array) -> Array:
+    """Return the drone's places outside the keep-out boxes; one inside where there are no others."""
     free = vectors[~inside_any(vectors, problem.keep_out_m)]
     return free if len(free) else vectors[:1]
 
 
-def _steps(low: float, high: float) -> int:
-    return int(np.clip(math.ceil((high - low) / 0.25), 2, 24))
+def _box_grid(place: DronePlace, step_m: float, heights: int) -> Array:
+    low, high = bounds(place)
+    steps = np.clip(np.ceil((high - low)[:2] / step_m).astype(int) + 1, 2, _MOST_STEPS)
+    axes = [np.linspace(low[i], high[i], steps[i]) for i in range(2)]
+    return np.stack(np.meshgrid(*axes, np.linspace(low[2], high[2], heights)), axis=-1).reshape(-1, 3)
+
+
+def _nominal_position(place: HeadPlace) -> Array:
+    """Return where the camera is, axis offsets apart, whatever it looks at."""
+    low, high = bounds(place)
+    return np.asarray(camera_poses(place, ((low + high) / 2.0)[None])[1][0])
 
 
 def _columns(xy: Array, heights: Array) -> Array:

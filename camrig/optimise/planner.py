@@ -8,6 +8,7 @@ import numpy as np
 
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array
+from camrig.geometry.assignment import least_travel
 from camrig.messages import Aim, PlanStatus, RigPlan, TargetQuality
 from camrig.optimise.candidates import candidates, useful
 from camrig.optimise.configuration import Configuration, configuration, permitted, separations
@@ -22,6 +23,7 @@ from camrig.optimise.sight import Indices, Problem, problem_of
 _GREEDY_STARTS = 4
 _RANDOM_STARTS = 16
 _POLISHED = 3
+_SAME_SHARE = 0.005
 
 
 def plan(
@@ -42,8 +44,11 @@ def plan(
     began_s = now()
     scene = with_yaws(scene, start or {})
     problem = problem_of(scene)
+    if not scene.cameras or not scene.targets:
+        return _nothing_to_do(scene, start or {}, now() - began_s)
     running = _running(problem, start or {})
     best = _best(problem, running, np.random.default_rng(seed), lambda: now() - began_s >= deadline_s)
+    best = _least_travel(problem, start or {}, best)
     if running is not None:
         best = settle(problem, running, best, scene.settings.gain)
     return _as_plan(scene, best, start or {}, began_s, now() - began_s)
@@ -72,7 +77,7 @@ def _running(problem: Problem, start: Mapping[str, Aim]) -> Configuration | None
 
 
 def _best(problem: Problem, running: Configuration | None, rng: np.random.Generator, expired: Expired) -> Configuration:
-    if running is not None and (expired() or not problem.targets.weights.size):
+    if running is not None and expired():
         return running
     table = _table(problem, running)
     ranked = _ranked(table, descend(table, _starts(table, running, rng), expired))
@@ -97,13 +102,33 @@ def _best(problem: Problem, running: Configuration | None, rng: np.random.Genera
     return best
 
 
+def _least_travel(problem: Problem, start: Mapping[str, Aim], found: Configuration) -> Configuration:
+    """Deal the places of identical drones out so that all together they fly least from where they are.
+
+    Drones of one kind may differ in yaw, and then in what they see from one place: it must hardly matter.
+    """
+    kinds: dict[object, list[int]] = {}
+    for i, camera in enumerate(problem.cameras):
+        if isinstance(camera.place, DronePlace) and vector_of(camera.place, start.get(camera.id)) is not None:
+            kinds.setdefault(_kind(camera), []).append(i)
+    order = np.arange(len(problem.cameras))
+    for group in kinds.values():
+        present = [vector_of(problem.cameras[i].place, start[problem.cameras[i].id]) for i in group]
+        positions = np.array([x for x in present if x is not None])
+        order[group] = np.array(group)[least_travel(positions, np.array([found.vectors[i] for i in group]))]
+    if np.array_equal(order, np.arange(len(order))):
+        return found
+    dealt = configuration(problem, tuple(found.vectors[i] for i in order))
+    return found if better(found.score, dealt.score, _SAME_SHARE) else dealt
+
+
 def _table(problem: Problem, running: Configuration | None) -> Table:
     """Return the candidates of all cameras; that of a running rig is each camera's candidate 0."""
     shared: dict[object, tuple[Array, Array]] = {}
     vectors: list[Array] = []
     table: list[Array] = []
     for i, camera in enumerate(problem.cameras):
-        key = _kind(camera)
+        key = _kind(camera), camera.place.yaw_rad if isinstance(camera.place, DronePlace) else 0.0
         if key not in shared:
             shared[key] = useful(problem, camera, candidates(problem, camera))
         x, gain = shared[key]
@@ -115,11 +140,18 @@ def _table(problem: Problem, running: Configuration | None) -> Table:
 
 
 def _kind(camera: SceneCamera) -> object:
-    """Return what drones with the same candidates share; every other camera is of its own kind."""
+    """Return what identical drones share; every other camera is of its own kind."""
     place = camera.place
     if not isinstance(place, DronePlace):
         return camera.id
-    return id(camera.lens), camera.alpha_rad, place.box_m, place.yaw_rad, place.T_body_camera.tobytes()
+    # A lens is a frozen dataclass: its repr is all it is.
+    return (
+        repr(camera.lens),
+        camera.alpha_rad,
+        place.min_separation_m,
+        place.box_m,
+        place.T_body_camera.tobytes(),
+    )
 
 
 def _starts(table: Table, running: Configuration | None, rng: np.random.Generator) -> Indices:
@@ -137,6 +169,21 @@ def _ranked(table: Table, chosen: Indices) -> Indices:
     _, first = np.unique(np.column_stack([uncovered, mean]).round(9), axis=0, return_index=True)
     order = first[np.lexsort((mean[first], uncovered[first]))]
     return np.asarray(chosen[order])
+
+
+def _nothing_to_do(scene: Scene, start: Mapping[str, Aim], solve_s: float) -> RigPlan:
+    """Return the plan that leaves the rig as it is: there is nothing to see, or nothing to see it with."""
+    names = tuple(target.id for target in scene.targets)
+    return RigPlan(
+        request_id=0,
+        stamp_s=0.0,
+        status=PlanStatus.PARTIAL if names else PlanStatus.OPTIMISED,
+        objective_m=None,
+        aims={camera.id: start[camera.id] for camera in scene.cameras if camera.id in start},
+        targets={name: TargetQuality(None, ()) for name in names},
+        uncovered=names,
+        solve_s=solve_s,
+    )
 
 
 def _as_plan(scene: Scene, found: Configuration, start: Mapping[str, Aim], stamp_s: float, solve_s: float) -> RigPlan:
