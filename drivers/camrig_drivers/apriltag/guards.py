@@ -12,7 +12,7 @@ from camrig.errors import InputError
 from camrig.geometry.arrays import GreyImage
 
 MIN_SIDE_PX = 16
-"""A side of 3 px crashes the C library, at ``decimate`` 4 one of 11 px; no tag is read below 16 px anyway."""
+"""A side of 2 px crashes the C library, at ``decimate`` 4 one of 8 px; no tag is read below 16 px anyway."""
 
 
 def require_raw(image: GreyImage) -> None:

@@ -64,7 +64,8 @@ Margin = Annotated[float, Field(ge=0.0, le=127.5)]
 class DetectorSection(BaseModel):
     """What all backends share. ``decimate`` shrinks the picture in which tags are searched; corners and bits are
     always read in the full one. ``min_margin``: half the contrast of black and white, in grey levels.
-    ``max_hamming``: how many wrong bits may be corrected; each one makes false tags likelier.
+    ``max_hamming``: how many wrong bits may be corrected; each one makes false tags likelier (tag16h5 in 76
+    photographs without one: 1 with no bit corrected, margin 0.2; with one bit corrected margins up to 81).
 
     There is no switch for edge refinement: without it the C library's corners are shifted by an amount that
     depends on its version and on ``decimate`` (0.3 to 1.8 px measured on drawn tags).
