@@ -52,6 +52,10 @@ class ImagePoints:
         """Return (..., n, 2, 2): times an ideal difference it gives pixels over sigma."""
         return np.asarray(self.px_per_ideal / self.sigma_px[..., None, None])
 
+    def of(self, k: int) -> ImagePoints:
+        """Return the k-th set of points of a stack."""
+        return ImagePoints(self.ideal[k], self.px_per_ideal[k], self.sigma_px[k])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SquarePose:
@@ -79,6 +83,10 @@ class PoseFit:
     covariance: Array
     chi2: Array
     rms_sigma: Array
+
+    def of(self, rows: slice) -> PoseFit:
+        """Return some of the poses."""
+        return PoseFit(self.T_camera_body[rows], self.covariance[rows], self.chi2[rows], self.rms_sigma[rows])
 
 
 def observe_tags(lens: Lens, corners_px: Array) -> ImagePoints:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
-from camrig.geometry.corner_noise import tag_width_px
 from camrig.geometry.pnp import PoseFit, PosePrior, refine, square_poses, whitened_residuals
 from camrig.geometry.pose import inverse_covariance_pose, invert
 from camrig.locate.fit import SAME_RAD, angle_between, clearly_better, inflation, residual_limit_px
@@ -99,10 +98,7 @@ def _rival(fit: PoseFit, best: int) -> bool:
 
 def _worst(T_camera_world: Transform, anchors: Sequence[SeenTag]) -> SeenTag | None:
     """Return the anchor whose corners lie furthest off, if further than corners may."""
-    excess = [
-        _rms_px(T_camera_world, anchor) / residual_limit_px(tag_width_px(anchor.detection.corners_px))
-        for anchor in anchors
-    ]
+    excess = [_rms_px(T_camera_world, anchor) / residual_limit_px(anchor.width_px) for anchor in anchors]
     k = int(np.argmax(excess))
     return anchors[k] if excess[k] > 1.0 else None
 

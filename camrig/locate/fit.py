@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from camrig.geometry.arrays import Array, Transform
+from camrig.geometry.arrays import Transform
 from camrig.geometry.rotation import rotation_log
 
 SAME_RAD = 0.05
@@ -42,9 +42,9 @@ def inflation(chi2: float, freedoms: int) -> float:
     return chi2 / freedoms if chi2 > _chi2_limit(freedoms) else 1.0
 
 
-def residual_limit_px(width_px: Array) -> Array:
+def residual_limit_px(width_px: float) -> float:
     """Return the root-mean-square residual in pixels above which a tag ``width_px`` wide is not believed."""
-    return np.maximum(MAX_RESIDUAL_PX, MAX_RESIDUAL_WIDTHS * width_px)
+    return max(MAX_RESIDUAL_PX, MAX_RESIDUAL_WIDTHS * width_px)
 
 
 @lru_cache(maxsize=256)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
-from camrig.geometry.corner_noise import tag_width_px
 from camrig.geometry.lens import Lens
 from camrig.geometry.pnp import PoseFit, PosePrior, refine, square_poses, whitened_residuals
 from camrig.geometry.pose import apply, compose, difference, invert, transform
 from camrig.geometry.rotation import rotation_exp
-from camrig.locate.fit import SAME_RAD, angle_between, clearly_better, inflation, residual_limit_px
+from camrig.locate.fit import NOISE_CHI2, SAME_RAD, angle_between, clearly_better, inflation, residual_limit_px
 from camrig.locate.tags import SeenTag
 from camrig.messages import CameraPose, Sighting
 from camrig.rig import Body
@@ -26,7 +26,8 @@ UPRIGHT_SIGMA_RAD = 0.02
 MAX_LEAN_RAD = 0.15
 """A floor body that leans further has fallen, or its tag is not where the rig says: it is not placed."""
 
-_CANDIDATES = 2
+_HOPELESS = 100.0
+"""A second pose with so many times the chi2 of the first is not worth refining."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +41,7 @@ class SeenBody:
     @property
     def width_px(self) -> float:
         """The width of its largest tag."""
-        return max(float(tag_width_px(tag.detection.corners_px)) for tag in self.tags)
+        return max(tag.width_px for tag in self.tags)
 
 
 def seen_bodies(
@@ -57,18 +58,19 @@ def seen_bodies(
 def solve(bodies: Sequence[SeenBody], camera: CameraPose, lens: Lens) -> tuple[tuple[Sighting, ...], tuple[str, ...]]:
     """Return a sighting of every body whose corners fit, and the ids of those whose corners do not.
 
-    All bodies are refined in one stack, two candidates each; a floor body's fit knows that it stands upright.
+    All bodies are refined in one stack, with the second of two poses where it may be the right one; a floor body's fit
+    knows that it stands upright.
     """
-    started = [(body, _starts(body)) for body in bodies]
-    pairs = [(body, starts) for body, starts in started if starts]
+    started = [(body, _starts(body, camera)) for body in bodies]
     misfits = [body.body.id for body, starts in started if not starts]
+    started = [(body, starts) for body, starts in started if starts]
     sightings: list[Sighting] = []
-    if not pairs:
+    if not started:
         return (), tuple(misfits)
-    fit = _fit(pairs, camera)
-    for k, (body, _) in enumerate(pairs):
-        rows = slice(_CANDIDATES * k, _CANDIDATES * (k + 1))
-        chosen = _choose(body, _rows(fit, rows), camera)
+    fit, row = _fit(started, camera), 0
+    for body, starts in started:
+        chosen = _choose(body, fit.of(slice(row, row + len(starts))), camera)
+        row += len(starts)
         if chosen is None:
             misfits.append(body.body.id)
         else:
@@ -76,20 +78,24 @@ def solve(bodies: Sequence[SeenBody], camera: CameraPose, lens: Lens) -> tuple[t
     return tuple(sightings), tuple(misfits)
 
 
-def _starts(seen: SeenBody) -> list[Transform]:
-    """Return the two best ``T_camera_body`` that differ, from both solutions of every tag (one twice if alone)."""
+def _starts(seen: SeenBody, camera: CameraPose) -> list[Transform]:
+    """Return the best ``T_camera_body`` of both solutions of every tag, and the next best where it may be the one."""
     found = [
         square.T_camera_tag @ invert(tag.owner.T_owner_tag)
         for tag in seen.tags
         for square in square_poses(tag.points.ideal, tag.points.px_per_ideal, tag.owner.size_m)
     ]
-    if len(seen.tags) > 1 and found:
-        m = len(found)
-        corners, ideal, whitener = (np.repeat(part[None], m, axis=0) for part in _points(seen.tags))
-        residual, _ = whitened_residuals(np.stack(found), corners, ideal, whitener)
-        found = [found[k] for k in np.argsort((residual * residual).sum(axis=(1, 2)))]
-        found = found[:1] + [T for T in found[1:] if angle_between(T, found[0]) > SAME_RAD]
-    return (found * _CANDIDATES)[:_CANDIDATES]
+    if not found:
+        return []
+    corners, ideal, whitener = (np.repeat(part[None], len(found), axis=0) for part in _points(seen.tags))
+    residual, _ = whitened_residuals(np.stack(found), corners, ideal, whitener)
+    chi2 = (residual * residual).sum(axis=(1, 2))
+    if seen.body.motion == "floor":
+        chi2 += [_lean(T, camera) ** 2 / _lean_variance(camera) for T in found]
+    best, *others = (int(k) for k in np.argsort(chi2))
+    hopeless = _HOPELESS * max(float(chi2[best]), NOISE_CHI2)
+    rivals = (k for k in others if chi2[k] < hopeless and angle_between(found[k], found[best]) > SAME_RAD)
+    return [found[best], *(found[k] for k in islice(rivals, 1))]
 
 
 def _points(tags: Sequence[SeenTag]) -> tuple[Array, Array, Array]:
@@ -101,28 +107,40 @@ def _points(tags: Sequence[SeenTag]) -> tuple[Array, Array, Array]:
     )
 
 
-def _fit(pairs: Sequence[tuple[SeenBody, list[Transform]]], camera: CameraPose) -> PoseFit:
-    n = 4 * max(len(body.tags) for body, _ in pairs)
-    m = _CANDIDATES * len(pairs)
+def _fit(started: Sequence[tuple[SeenBody, list[Transform]]], camera: CameraPose) -> PoseFit:
+    """Refine all candidates of all bodies in one stack, in their order; bodies with fewer tags are padded."""
+    n = 4 * max(len(body.tags) for body, _ in started)
+    T = np.stack([start for _, starts in started for start in starts])
+    m = len(T)
     corners, ideal, whitener = np.zeros((m, n, 3)), np.zeros((m, n, 2)), np.zeros((m, n, 2, 2))
-    T, T_prior, information = np.zeros((m, 4, 4)), np.zeros((m, 4, 4)), np.zeros((m, 6, 6))
-    upright = _upright_information(camera)
-    for k, (body, starts) in enumerate(pairs):
-        rows, used = slice(_CANDIDATES * k, _CANDIDATES * (k + 1)), 4 * len(body.tags)
+    T_prior, information = T.copy(), np.zeros((m, 6, 6))
+    upright, row = _upright_information(camera), 0
+    for body, starts in started:
+        rows, used = slice(row, row + len(starts)), 4 * len(body.tags)
         corners[rows, :used], ideal[rows, :used], whitener[rows, :used] = _points(body.tags)
         corners[rows, used:], ideal[rows, used:] = corners[rows, :1], ideal[rows, :1]
-        T[rows] = starts
-        T_prior[rows] = [_stood_up(start, camera.T_world_camera) for start in starts]
         if body.body.motion == "floor":
+            T_prior[rows] = [_stood_up(start, camera.T_world_camera) for start in starts]
             information[rows, 3:, 3:] = upright
+        row += len(starts)
     return refine(T, corners, ideal, whitener, PosePrior(T_prior, information))
+
+
+def _lean_variance(camera: CameraPose) -> float:
+    """Return the variance of a floor body's lean as this camera sees it, in rad2."""
+    return UPRIGHT_SIGMA_RAD**2 + float(np.trace(camera.covariance[3:, 3:])) / 3.0
+
+
+def _lean(T_camera_body: Transform, camera: CameraPose) -> float:
+    """Return the angle in radians between a body's z and the vertical."""
+    x, y, z = camera.T_world_camera[:3, :3] @ T_camera_body[:3, 2]
+    return math.atan2(math.hypot(x, y), z)
 
 
 def _upright_information(camera: CameraPose) -> Array:
     """Return (3, 3) information on a floor body's rotation, in camera axes: none about the vertical."""
     R = camera.T_world_camera[:3, :3]
-    variance = UPRIGHT_SIGMA_RAD**2 + float(np.trace(camera.covariance[3:, 3:])) / 3.0
-    return np.asarray(R.T @ np.diag([1.0, 1.0, 0.0]) @ R / variance)
+    return np.asarray(R.T @ np.diag([1.0, 1.0, 0.0]) @ R / _lean_variance(camera))
 
 
 def _stood_up(T_camera_body: Transform, T_world_camera: Transform) -> Transform:
@@ -135,35 +153,41 @@ def _stood_up(T_camera_body: Transform, T_world_camera: Transform) -> Transform:
     return transform(R.T @ R_up @ R @ T_camera_body[:3, :3], T_camera_body[:3, 3])
 
 
-def _rows(fit: PoseFit, rows: slice) -> PoseFit:
-    return PoseFit(fit.T_camera_body[rows], fit.covariance[rows], fit.chi2[rows], fit.rms_sigma[rows])
-
-
 def _choose(seen: SeenBody, fit: PoseFit, camera: CameraPose) -> tuple[Transform, Array] | None:
     """Return ``T_camera_body`` and its covariance; None where even the better candidate does not fit.
 
     Two candidates that the picture (and standing upright) cannot tell apart: the one nearer to the last known
     orientation, else the better one with a covariance that covers both.
     """
-    best = int(np.argmin(fit.chi2))
-    other = 1 - best
-    sigma_px = float(np.mean([tag.points.sigma_px[0] for tag in seen.tags]))
-    if fit.rms_sigma[best] * sigma_px > residual_limit_px(np.asarray(seen.width_px)):
+    T, best = fit.T_camera_body, int(np.argmin(fit.chi2))
+    if not _fits(seen, fit, best, camera):
         return None
-    T = fit.T_camera_body
-    upright = float(camera.T_world_camera[2, :3] @ T[best][:3, 2])
-    if seen.body.motion == "floor" and upright < math.cos(MAX_LEAN_RAD):
-        return None
-    rival = angle_between(T[0], T[1]) > SAME_RAD and not clearly_better(fit.chi2[best], fit.chi2[other])
-    if rival and seen.T_world_body is not None:
+    rival = _rival(fit, best)
+    if rival is not None and seen.T_world_body is not None:
         T_expected = invert(camera.T_world_camera) @ seen.T_world_body
-        best = min((0, 1), key=lambda k: angle_between(T[k], T_expected))
+        best = min((best, rival), key=lambda k: angle_between(T[k], T_expected))
     freedoms = 8 * len(seen.tags) - 6 + (2 if seen.body.motion == "floor" else 0)
     covariance = fit.covariance[best] * inflation(float(fit.chi2[best]), freedoms)
-    if rival and seen.T_world_body is None:
-        apart = difference(T[other], T[best])
+    if rival is not None and seen.T_world_body is None:
+        apart = difference(T[rival], T[best])
         covariance = covariance + np.outer(apart, apart)
     return T[best], covariance
+
+
+def _fits(seen: SeenBody, fit: PoseFit, k: int, camera: CameraPose) -> bool:
+    """Tell whether a candidate's corners lie where they should, and a floor body stands."""
+    sigma_px = sum(float(tag.points.sigma_px[0]) for tag in seen.tags) / len(seen.tags)
+    stands = seen.body.motion != "floor" or _lean(fit.T_camera_body[k], camera) <= MAX_LEAN_RAD
+    return stands and float(fit.rms_sigma[k]) * sigma_px <= residual_limit_px(seen.width_px)
+
+
+def _rival(fit: PoseFit, best: int) -> int | None:
+    """Return the other candidate where it differs and is about as good."""
+    for k in range(len(fit.chi2)):
+        differs = k != best and angle_between(fit.T_camera_body[k], fit.T_camera_body[best]) > SAME_RAD
+        if differs and not clearly_better(float(fit.chi2[best]), float(fit.chi2[k])):
+            return k
+    return None
 
 
 def _sighting(seen: SeenBody, T_camera_body: Transform, covariance: Array, camera: CameraPose, lens: Lens) -> Sighting:

@@ -37,10 +37,11 @@ class TagOwner:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenTag:
-    """A listed tag in the picture: its owner and its four corners, undistorted and weighed."""
+    """A listed tag in the picture: its owner, its width, and its four corners, undistorted and weighed."""
 
     detection: TagDetection
     owner: TagOwner
+    width_px: float
     corners_m: Array
     points: ImagePoints
 
@@ -64,11 +65,10 @@ def undistorted(lens: Lens, listed: Sequence[tuple[TagDetection, TagOwner]]) -> 
         return ()
     corners_px = np.stack([detection.corners_px for detection, _ in listed])
     points = observe_tags(lens, corners_px)
-    usable = np.isfinite(points.ideal).all(axis=(1, 2)) & (tag_width_px(corners_px) >= MIN_WIDTH_PX)
+    width_px = tag_width_px(corners_px)
+    usable = np.isfinite(points.ideal).all(axis=(1, 2)) & (width_px >= MIN_WIDTH_PX)
     return tuple(
-        SeenTag(
-            detection, owner, owner.corners_m, ImagePoints(points.ideal[k], points.px_per_ideal[k], points.sigma_px[k])
-        )
+        SeenTag(detection, owner, float(width_px[k]), owner.corners_m, points.of(k))
         for k, (detection, owner) in enumerate(listed)
         if usable[k]
     )
@@ -95,4 +95,4 @@ def _is_at(tag: SeenTag, expected_px: Array | None) -> bool:
     if expected_px is None:
         return False
     distance = np.linalg.norm(np.asarray(tag.detection.centre_px) - expected_px)
-    return bool(distance <= tag_width_px(tag.detection.corners_px))
+    return bool(distance <= tag.width_px)
