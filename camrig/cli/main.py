@@ -5,14 +5,13 @@ from __future__ import annotations
 import sys
 from importlib import import_module
 
-import click
 import typer
 from rich.markup import escape
 
 from camrig.cli.console import people
-from camrig.errors import CamrigError
+from camrig.errors import CamrigError, InputError
 
-_COMMANDS = ("run", "check", "demo", "plan", "detect", "emulate")
+_COMMANDS = ("run", "check", "demo", "plan", "detect", "emulate", "stop")
 """Each is a module of this package with a function of the same name."""
 
 INTERRUPTED = 130
@@ -41,13 +40,11 @@ def main() -> None:
 def _run(arguments: list[str]) -> int:
     try:
         code = build()(arguments, standalone_mode=False)
-    except click.exceptions.Abort:
+    except (typer.Abort, KeyboardInterrupt):
         return INTERRUPTED
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    except click.ClickException as error:
+    except typer.TyperException as error:  # a wrong option or argument
         error.show()
-        return error.exit_code
+        return InputError.exit_code
     except CamrigError as error:
         people.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True, highlight=False)
         return error.exit_code

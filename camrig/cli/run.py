@@ -6,6 +6,7 @@ import logging
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
@@ -14,7 +15,7 @@ import typer
 from rich.logging import RichHandler
 from rich.table import Table
 
-from camrig.cli.console import people
+from camrig.cli.console import people, print_json
 from camrig.config.rig_file import load_rig
 from camrig.config.settings import settings_of
 from camrig.report.spread import SpreadSink
@@ -25,6 +26,9 @@ from camrig.runtime.emulated import emulated_world
 def run(
     config: Annotated[Path, typer.Argument(help="The rig's YAML file.")],
     seconds: Annotated[float, typer.Option(min=0.0, help="Stop by itself after so long (0 = never).")] = 0.0,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="End with one JSON object: spread of static targets.")
+    ] = False,
 ) -> None:
     """Run a rig until SIGTERM or SIGINT, or until every camera's recording has ended; then come to rest and exit 0."""
     log_to_stderr()
@@ -37,7 +41,10 @@ def run(
                 daemon.supervise(daemon.clock.now_s() + seconds if seconds else float("inf"))
             finally:
                 daemon.stop()
-    _print_spread(spread)
+    if as_json:
+        print_json({"spread": {name: asdict(found) for name, found in spread.spreads().items()}})
+    else:
+        people.print(*_spread_tables(spread))
 
 
 @contextmanager
@@ -65,10 +72,10 @@ def log_to_stderr(level: int = logging.INFO) -> None:
         logging.basicConfig(level=level, format="%(levelname)s %(message)s")
 
 
-def _print_spread(sink: SpreadSink) -> None:
+def _spread_tables(sink: SpreadSink) -> list[Table]:
     table = Table("static target", "n", "x, y, z (m)", "rms (mm)", "median (mm)", title="Spread of single sightings")
     for name, spread in sorted(sink.spreads().items()):
         place = ", ".join(f"{value:.3f}" for value in spread.mean_m)
-        table.add_row(name, str(spread.n), place, f"{spread.rms_m * 1000:.1f}", f"{spread.median_m * 1000:.1f}")
-    if table.row_count:
-        people.print(table)
+        scatter = (f"{value * 1000:.1f}" if spread.n > 1 else "" for value in (spread.rms_m, spread.median_m))
+        table.add_row(name, str(spread.n), place, *scatter)
+    return [table] if table.row_count else []

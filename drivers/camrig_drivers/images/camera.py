@@ -10,7 +10,7 @@ from pathlib import Path
 
 from camrig import pictures
 from camrig.clock import Clock, RealClock
-from camrig.errors import EndOfInput, HardwareError
+from camrig.errors import EndOfInput, HardwareError, InputError
 from camrig.geometry.arrays import GreyImage
 from camrig.interfaces import Camera
 from camrig.messages import Frame
@@ -144,6 +144,23 @@ def _timeline(section: ImagesSection, paths: tuple[Path, ...]) -> Timeline:
         return at_rate(section.fps or DEFAULT_FPS)
     names = None if any(map(pictures.is_video, paths)) else [path.name for path in paths]
     return from_file(Path(section.stamps).expanduser(), names)
+
+
+def check(sections: Mapping[str, tuple[CameraSpec, ImagesSection]]) -> list[tuple[str, str, str]]:
+    """Return a fault for every place without a readable picture, or whose first is of another size than the lens."""
+    faults = []
+    for camera, (spec, section) in sections.items():
+        try:
+            found = next((p.image for p in pictures.read(pictures.find(section.path)) if p.image is not None), None)
+        except InputError as error:
+            faults.append((camera, "path", str(error)))
+            continue
+        if found is None:
+            faults.append((camera, "path", f"{section.path} holds no picture that can be read"))
+        elif (size_px := (found.shape[1], found.shape[0])) != (lens_px := spec.lens.size_px):
+            text = f"pictures are {size_px[0]}x{size_px[1]} px, the camera's lens is for {lens_px[0]}x{lens_px[1]} px"
+            faults.append((camera, "path", text))
+    return faults
 
 
 def make(sections: Mapping[str, tuple[CameraSpec, ImagesSection]]) -> dict[str, Camera]:
