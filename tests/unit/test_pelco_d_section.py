@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -63,6 +65,12 @@ def test_anything_else_is_refused(wrong: Mapping[str, Any]) -> None:
         PelcoDSection.model_validate({"port": "/dev/ttyUSB0", **wrong})
 
 
+@pytest.mark.parametrize("echo", ["auto", "yes", "no"])
+def test_echo_may_be_written_without_quotes(echo: str) -> None:
+    keys = yaml.safe_load(f"{{port: /dev/ttyUSB0, echo: {echo}}}")
+    assert PelcoDSection.model_validate(keys).echo == echo
+
+
 def test_heads_with_a_taken_address_are_one_fault_each() -> None:
     same = {"port": "/dev/x"}
     faults = _check(a=same, b=same, c=same, d={"port": "/dev/x", "address": 3})
@@ -79,7 +87,7 @@ def test_one_address_on_two_ports_is_none() -> None:
     assert _check(a={"port": "/dev/x"}, b={"port": "/dev/y", "baud": 2400}) == []
 
 
-def test_two_names_of_one_port_are_one_port(tmp_path: Any) -> None:
+def test_two_names_of_one_port_are_one_port(tmp_path: Path) -> None:
     (tmp_path / "by-id").symlink_to(tmp_path / "ttyUSB0")
     faults = _check(a={"port": str(tmp_path / "ttyUSB0")}, b={"port": str(tmp_path / "by-id")})
     assert [(name, key) for name, key, _ in faults] == [("b", "address")]
@@ -89,6 +97,11 @@ def test_limits_that_read_back_cannot_tell_apart_are_a_fault() -> None:
     assert driver.check is not None
     wide = {"a": (_spec("a", (-200.0, 170.0)), PelcoDSection(port="/dev/x"))}
     assert [(name, key) for name, key, _ in driver.check(wide)] == [("a", "pan_deg")]
+
+
+def test_discovered_ports_exist() -> None:
+    assert driver.discover is not None
+    assert all(Path(port).exists() for port in driver.discover())
 
 
 # --- the axes -------------------------------------------------------------------------------------------------

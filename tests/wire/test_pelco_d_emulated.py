@@ -124,7 +124,7 @@ def until(condition: Callable[[], bool]) -> None:
 
 @pytest.mark.parametrize("baud", [2400, 9600])
 def test_readings_of_a_moving_head_are_right_at_their_stamps(baud: int) -> None:
-    with emulated(baud=baud, reply_latency_s=0.02) as rig:
+    with emulated(baud=baud, reply_latency_s=0.02) as rig:  # longer than usual, so that stamps matter
         rig.head.enable()
         move(rig.head, 120.0, -80.0)
         readings = [reading for _ in range(8) for reading in rig.head.read(1.0)]

@@ -29,7 +29,7 @@ from camrig_drivers.pelco_d.commands import query_position, set_position
 
 BAUD = 115200
 GAP_S = 0.005
-TIMEOUT_S = 0.03
+TIMEOUT_S = 0.1
 THINK_S = 0.003
 """Longer than both frames take at this baud, as for any real head."""
 
@@ -318,7 +318,7 @@ def test_a_lost_answer_costs_one_reading(peer: Peer, head: Head) -> None:
     peer.verify()
 
 
-@pytest.mark.parametrize("late_s", [0.04, 0.1, 0.3])
+@pytest.mark.parametrize("late_s", [0.12, 0.2, 0.35])
 def test_a_late_answer_is_never_taken_for_the_new_one(peer: Peer, head: Head, late_s: float) -> None:
     late = Step(bytes.fromhex(ASK_PAN), bytes.fromhex(PAN_20), late_s)
     peer.then(late, (ASK_TILT, TILT_30), (ASK_PAN, PAN_0), (ASK_TILT, TILT_30))
@@ -466,7 +466,7 @@ def test_stop_cuts_an_exchange_short_and_is_said_again(slow: SlowLine) -> None:
     slow.peer.then((STOP, ""))
     begun_s = time.monotonic()
     slow.one.stop()
-    assert time.monotonic() - begun_s < 0.05
+    assert time.monotonic() - begun_s < 0.1
     assert asked.result(0.1) is Miss.CUT
     slow.peer.verify()
     slow.peer.then((STOP, ""))

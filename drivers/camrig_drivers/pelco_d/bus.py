@@ -92,14 +92,16 @@ class Bus:
                 self._owed_stops.clear()
                 self._quiet_from_s = self.clock.now_s()
             link = Link(self, self._port, address)
-            self._links.add(link)
+            with self._changed:
+                self._links.add(link)
         return link
 
     def detach(self, link: Link) -> None:
         """End a link; the last one closes the port once every stop is out. Raises nothing."""
         with suppress(LinkLost):
             self._in_turn(link.port, lambda: self._leave(link))
-        self._links.discard(link)
+        with self._changed:
+            self._links.discard(link)
 
     def query(self, port: Port, request: Request) -> Answer | Miss:
         """Ask and wait for the reply; raises LinkLost."""
@@ -124,9 +126,10 @@ class Bus:
             self._transmit(port, frame)
 
     def _leave(self, link: Link) -> None:
-        self._links.discard(link)
-        if not any(other.port is link.port for other in self._links):
-            self._drop(link.port)
+        with self._changed:
+            self._links.discard(link)
+            if not any(other.port is link.port for other in self._links):
+                self._drop(link.port)
 
     def _in_turn(self, port: Port, work: Callable[[], T]) -> T:
         """Run ``work`` with the line to itself, after the stops that are still owed; each frame has its own gap."""

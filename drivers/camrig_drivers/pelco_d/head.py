@@ -109,7 +109,6 @@ class PelcoDHead:
             link.close()
             raise
         self._misses = 0
-        self._permit = None
         self._link = link
 
     def enable(self) -> None:

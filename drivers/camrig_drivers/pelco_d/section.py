@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from camrig.rig import HeadSpec
 from camrig_drivers.pelco_d.codec import Echo
@@ -38,6 +38,11 @@ class AxesSection(BaseModel):
     tilt: AxisSection = AxisSection()
 
 
+def _unquoted(value: object) -> object:
+    """Undo YAML, to which a bare yes or no is true or false."""
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
+
+
 class PelcoDSection(BaseModel):
     """One head on a serial line."""
 
@@ -51,7 +56,7 @@ class PelcoDSection(BaseModel):
     """One sigma of a reported angle, beyond its last digit."""
     reply_timeout_s: Annotated[float, Field(gt=0.0, le=5.0)] = 0.1
     gap_s: Annotated[float, Field(ge=0.0, le=1.0)] = 0.05
-    echo: Echo = Echo.AUTO
+    echo: Annotated[Echo, BeforeValidator(_unquoted)] = Echo.AUTO
     resync_tail: bool = False
     """Believe replies whose first 1..3 bytes the adapter lost, completed from the question."""
     dialect: Dialect = Dialect()
