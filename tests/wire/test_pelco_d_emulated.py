@@ -205,8 +205,6 @@ def test_a_silent_head_does_not_silence_its_line() -> None:
         rig.line.head_faults["pt1"].silent = True
         assert rig.heads[0].read(1.0) == ()
         assert len(rig.heads[1].read(1.0)) == 2
-        with pytest.raises(LinkLost, match="pt1"):
-            read_until_lost(rig.heads[0])
         rig.heads[0].close()
         assert len(rig.heads[1].read(1.0)) == 2
 
