@@ -29,6 +29,8 @@ _IPPE_ORDER = [3, 2, 1, 0]
 _NUDGE = np.array([[1e-9, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
 """Of a square seen exactly head-on in the exact middle OpenCV returns the mirror image, twice; a micropixel helps."""
 
+_MIN_DEPTH_M = 1e-6
+
 _STEPS = 15
 _DONE = 1e-4
 _DONE_SHARE = 1e-3
@@ -137,7 +139,8 @@ def refine(
         damped[:, diagonal, diagonal] *= 1.0 + damping[:, None]
         step = -np.asarray(np.linalg.solve(damped, g[..., None]), float)[..., 0]
         moved = _perturb(T, step)
-        H_new, g_new, chi2_new = _normal_equations(moved, points_body, ideal, whitener, prior)
+        with np.errstate(over="ignore", invalid="ignore"):  # a step into the absurd is not taken
+            H_new, g_new, chi2_new = _normal_equations(moved, points_body, ideal, whitener, prior)
         better = chi2_new <= chi2
         gain = -(step * g).sum(axis=1)
         T, H, g = (_pick(better, new, old) for new, old in ((moved, T), (H_new, H), (g_new, g)))
@@ -184,7 +187,7 @@ def whitened_residuals(T: Array, points_body: Array, ideal: Array, whitener: Arr
     turned = points_body @ T[:, :3, :3].swapaxes(1, 2)
     camera = turned + T[:, None, :3, 3]
     # Behind the camera the clamp makes the residual huge: such a step is never taken.
-    depth = np.maximum(camera[..., 2], 1e-9)
+    depth = np.maximum(camera[..., 2], _MIN_DEPTH_M)
     a, b = camera[..., 0] / depth, camera[..., 1] / depth
     x, y, z = turned[..., 0], turned[..., 1], turned[..., 2]
     J = np.zeros((*a.shape, 2, 6))

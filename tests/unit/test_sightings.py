@@ -277,3 +277,25 @@ def test_a_speck_or_a_line_of_corners_is_no_tag() -> None:
     for corners in (tag.corners_px[:1] + 0.3 * TAG_CORNERS[:, :2], np.linspace([600.0, 300.0], [640.0, 300.0], 4)):
         broken = replace(tag, corners_px=corners)
         assert look(replace(detections, tags=(broken,))).sightings == ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_garbage_for_corners_never_breaks_it(seed: int) -> None:
+    """Any four points: thrown in anywhere, shaken, reordered, squeezed. No error, no warning, nothing not finite."""
+    rng = np.random.default_rng(seed)
+    whole = seen((ROBOT, STANDING), (BOX, facing_camera(0.2, 1.8)), (WAND, facing_camera(0.5, 1.2)))
+    for _ in range(100):
+        tags = []
+        for tag in whole.tags:
+            centre = tag.corners_px.mean(axis=0)
+            corners = (
+                rng.uniform([0.0, 0.0], LENS.size_px, (4, 2)),
+                tag.corners_px + rng.normal(size=(4, 2)) * rng.choice([1.0, 5.0, 30.0]),
+                np.roll(tag.corners_px, rng.integers(4), axis=0)[:: rng.choice([1, -1])],
+                centre + (tag.corners_px - centre) * rng.uniform(0.01, 6.0, 2),
+            )[rng.integers(4)]
+            tags.append(replace(tag, corners_px=corners))
+        for sighting in look(replace(whole, tags=tuple(tags))).sightings:
+            assert np.isfinite(sighting.T_world_body).all()
+            assert np.isfinite(sighting.covariance).all()
+            assert np.linalg.eigvalsh(sighting.covariance[:3, :3])[0] >= 0.0
