@@ -172,7 +172,8 @@ def _step(drone: DroneSpec, present: Array, end: Array, yaw_rad: float, settings
     way = end - present
     lead_m = drone.speed_m_s * settings.lead_s
     share = min(1.0, lead_m / max(float(np.linalg.norm(way)), 1e-9))
-    x, y, z = (end if share >= 1.0 else present + share * way).tolist()
+    # A drone found outside its box (still climbing into it) is led inside, never told to stay outside.
+    x, y, z = np.clip(end if share >= 1.0 else present + share * way, *flight_box(drone.box_m)).tolist()
     return DroneCommand(drone.id, DroneAim((x, y, z), yaw_rad))
 
 

@@ -9,12 +9,10 @@ import typer
 from rich.markup import escape
 
 from camrig.cli.console import people
-from camrig.errors import CamrigError, InputError
+from camrig.errors import CamrigError
 
 _COMMANDS = ("run", "check", "demo", "plan", "detect", "emulate", "stop")
 """Each is a module of this package with a function of the same name."""
-
-INTERRUPTED = 130
 
 
 def build() -> typer.Typer:
@@ -34,20 +32,8 @@ def build() -> typer.Typer:
 
 def main() -> None:
     """Run the program; exit codes: 0 done, 2 bad input, 3 hardware or link, 4 partial, 130 interrupted."""
-    sys.exit(_run(sys.argv[1:]))
-
-
-def _run(arguments: list[str]) -> int:
     try:
-        code = build()(arguments, standalone_mode=False)
-    except (typer.Abort, KeyboardInterrupt):
-        return INTERRUPTED
-    except typer.TyperException as error:  # a wrong option or argument
-        error.show()
-        return InputError.exit_code
+        build()()
     except CamrigError as error:
         people.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True, highlight=False)
-        return error.exit_code
-    except BrokenPipeError:
-        return 0
-    return code if isinstance(code, int) else 0
+        sys.exit(error.exit_code)

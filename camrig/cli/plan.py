@@ -47,7 +47,8 @@ def plan(
         write_plan_map(picture, files[0].scene, plans[0])
     if failures:
         raise (PartialError if plans else InputError)("\n".join(failures))
-    return PartialError.exit_code if any(found.uncovered for found in plans) else 0
+    if any(found.uncovered for found in plans):
+        raise typer.Exit(PartialError.exit_code)
 
 
 def _load(paths: Sequence[Path]) -> list[SceneFile]:

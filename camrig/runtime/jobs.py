@@ -87,6 +87,9 @@ class HeadJob:
             self.commands.clear()
             self.head.enable()
             self._enabled = True
+            if not self._wanted.is_set():  # stopped between the question and the answer: the stop has the last word
+                self._enabled = False
+                self.head.stop()
         for aim in self.commands.take_all():
             with suppress(NotEnabledError):  # stopped by another thread between the queue and the wire
                 self.head.move_to(aim.pan_rad, aim.tilt_rad)
