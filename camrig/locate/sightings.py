@@ -20,7 +20,7 @@ from camrig.messages import CameraPose, Sighting
 from camrig.rig import Body
 from camrig.sensing import pixel_quality
 
-UPRIGHT_SIGMA_RAD = 0.02
+UPRIGHT_SIGMA_RAD = 0.01
 """One sigma of how upright a body on the floor stands: its suspension, the floor, and how well its tag was mounted."""
 
 MAX_LEAN_RAD = 0.15

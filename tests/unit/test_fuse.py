@@ -340,7 +340,7 @@ def test_out_of_sight_it_is_lost_after_a_time_and_ever_less_certain_and_found_ag
     assert late.quality_m is None
     sizes = [float(np.trace(one.covariance_m2)) for one in (soon, late, later)]
     assert sizes == sorted(sizes)
-    # A robot at 0.4 m/s is somewhere within metres after half a minute, not kilometres.
+    # A robot at 0.3 m/s is somewhere within metres after half a minute, not kilometres.
     assert 1.0 < math.sqrt(sizes[2]) < 10.0
     again = sighting(30.0, HERE + np.array([4.0, -1.0, 0.0]))
     found = target(fuse.update(tracks, [again], FLOOR)[0], 30.0)

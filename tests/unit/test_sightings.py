@@ -17,6 +17,7 @@ from camrig.geometry.pnp import TAG_CORNERS, observe_tags
 from camrig.geometry.rotation import rotation_from_rpy, rotation_x, rotation_y, rotation_z
 from camrig.locate import Histories, Located, locate
 from camrig.locate.fit import angle_between
+from camrig.locate.sightings import UPRIGHT_SIGMA_RAD
 from camrig.messages import Sighting, TagDetection, TagDetections
 from camrig.rig import Body, BodyTag, CameraSpec, FixedMount, FreeMount, Rig, Space, TagKey
 from camrig.sensing import pixel_quality
@@ -159,7 +160,7 @@ def test_a_floor_bodys_covariance_counts_on_its_standing_upright() -> None:
     rng = np.random.default_rng(3)
     values = []
     for _ in range(500):
-        lean = rng.normal(size=2) * 0.02
+        lean = rng.normal(size=2) * UPRIGHT_SIGMA_RAD
         T = STANDING @ pose.transform(rotation_from_rpy(lean[0], lean[1], 0.0), np.zeros(3))
         sighting = only(look(seen((ROBOT, T), rng=rng)))
         error = pose.difference(T, sighting.T_world_body)
