@@ -48,8 +48,8 @@ FLOOR = MotionModel((0.3, 0.3, 0.0), (0.0, 0.0, 1e-6), 0.5)
 """In the plane: its height walks a millimetre in a second.
 
 The acceleration's density, 0.018 m2/s3, is near the best for five robots at 0.1 to 0.4 m/s published 0.22 s after they
-were seen (replay of 25 s of the emulated rig, seed 1: mean error 3.0 mm; 0.003 to 0.03 do about as well). A memory of 3 s
-costs half as much again, 4.6 mm: it brakes what it predicts.
+were seen (replay of 25 s of the emulated rig, seed 1: mean error 3.0 mm; 0.003 to 0.03 do about as well). A memory of
+3 s costs half as much again, 4.6 mm: it brakes what it predicts.
 """
 
 FREE = MotionModel((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 2.0)
