@@ -11,7 +11,21 @@ from rich.markup import escape
 from camrig.cli.console import people
 from camrig.errors import CamrigError
 
-_COMMANDS = ("run", "check", "demo", "plan", "detect", "emulate", "stop")
+_COMMANDS = (
+    "run",
+    "check",
+    "demo",
+    "plan",
+    "detect",
+    "emulate",
+    "stop",
+    "status",
+    "hold",
+    "resume",
+    "arm",
+    "land",
+    "scan",
+)
 """Each is a module of this package with a function of the same name."""
 
 

@@ -21,6 +21,10 @@ from camrig.config.settings import settings_of
 from camrig.report.spread import SpreadSink
 from camrig.runtime.daemon import Daemon
 from camrig.runtime.emulated import emulated_world
+from camrig.runtime.operator import Operator
+from camrig.runtime.operator_server import serving
+from camrig.runtime.operator_socket import claimed, runtime_folder
+from camrig.runtime.operator_status import RecentEvents
 
 
 def run(
@@ -32,13 +36,15 @@ def run(
 ) -> None:
     """Run a rig until SIGTERM or SIGINT, or until every camera's recording has ended; then come to rest and exit 0."""
     log_to_stderr()
-    spread = SpreadSink()
-    with emulated_world(load_rig(config)) as (rig_config, _):
-        daemon = Daemon(rig_config, settings_of(rig_config), extra_sinks=[spread])
+    spread, events = SpreadSink(), RecentEvents()
+    loaded = load_rig(config)
+    with claimed(loaded.rig.name, runtime_folder()) as listener, emulated_world(loaded) as (rig_config, _):
+        daemon = Daemon(rig_config, settings_of(rig_config), extra_sinks=[spread, events])
         with stopped_by_signals(daemon):
             daemon.start()
             try:
-                daemon.supervise(daemon.clock.now_s() + seconds if seconds else float("inf"))
+                with serving(listener, Operator(daemon, events), daemon.request_stop):
+                    daemon.supervise(daemon.clock.now_s() + seconds if seconds else float("inf"))
             finally:
                 daemon.stop()
     if as_json:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -20,6 +20,7 @@ from camrig.runtime.guardian_link import GuardianLink
 from camrig.runtime.jobs import CameraJob, DroneJob, HeadJob
 from camrig.runtime.mailbox import Mailbox
 from camrig.runtime.notify import Notifier
+from camrig.runtime.operator_status import View
 from camrig.runtime.planner_link import PlannerLink
 from camrig.runtime.worker import Job, Worker
 
@@ -115,21 +116,24 @@ class Daemon:
         while self._cleanups:
             self._cleanups.pop()()
 
-    def hold(self) -> None:
-        """Stop every head and hold every drone, until ``resume`` or ``arm``; any thread."""
+    def hold(self) -> Mapping[str, str]:
+        """Stop every head and hold every drone, until ``resume`` or ``arm``; return what failed. Any thread."""
+        failed: dict[str, str] = {}
         if not hasattr(self, "devices"):
-            return
+            return failed
         actuators: list[HeadJob | DroneJob] = [*self.devices.heads.values(), *self.devices.drones.values()]
         for job in actuators:
             try:
                 job.stop()
             except CamrigError as error:  # one head's trouble must not keep the next from its stop
                 log.warning("%s: stop failed: %s", job.name, error)
+                failed[job.name] = str(error)
+        return failed
 
-    def resume(self) -> None:
-        """Operator's order: heads may move; any thread."""
-        for job in self.devices.heads.values():
-            job.resume()
+    def resume(self, heads: Collection[str]) -> None:
+        """Operator's order: these heads may move; any thread."""
+        for name in heads:
+            self.devices.heads[name].resume()
 
     def arm(self, drone: str) -> None:
         """Operator's order: check, arm and climb to the lowest height of the box; any thread."""
@@ -138,6 +142,22 @@ class Daemon:
     def land(self, drone: str) -> None:
         """Operator's order: land where it is; any thread."""
         self.devices.drones[drone].land()
+
+    def rescan(self) -> None:
+        """Operator's order: scan the whole floor again; any thread."""
+        self.control.rescan()
+
+    def view(self) -> View:
+        """Return what is known now; any thread, once started."""
+        published, heads = self.control.latest, self.devices.heads
+        return View(
+            rig=self.config.rig,
+            state=self.control.state,
+            targets=published.targets if published else (),
+            frames={name: job.frames for name, job in self.devices.cameras.items()},
+            enabled=frozenset(name for name, job in heads.items() if job.enabled),
+            now_s=self.clock.now_s(),
+        )
 
     @property
     def stop_requested(self) -> bool:

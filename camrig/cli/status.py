@@ -1,0 +1,94 @@
+"""``camrig status``: how a running rig is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from camrig.cli.console import print_json, results
+from camrig.cli.operating import Answer, RigOption, SocketOption, names, order, part, parts
+
+EVENTS_SHOWN = 5
+_COLOURS = {"up": "green", "tracked": "green", "lost": "red", "unseen": "yellow", "closed": "yellow"}
+
+
+def status(
+    rig: RigOption = None,
+    socket: SocketOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Show how a running rig is: targets, devices and their links, the plan, what was said last."""
+    answer = order(rig, socket, "status")
+    if as_json:
+        print_json(answer)
+        return
+    results.print(_headline(answer), highlight=False)
+    results.print(_targets(answer), _devices(answer))
+    for event in parts(answer, "events")[-EVENTS_SHOWN:]:
+        about, text = escape(str(event.get("about"))), escape(str(event.get("text")))
+        results.print(f"[dim]{_seconds(event.get('age_s'))} ago[/dim] {about}: {text}", highlight=False)
+
+
+def _headline(answer: Answer) -> str:
+    targets = part(answer, "targets")
+    tracked = sum(part(targets, name).get("status") == "tracked" for name in targets)
+    text = f"[bold]{escape(str(answer.get('rig')))}[/bold]: {answer.get('phase')}, {tracked} of {len(targets)} targets"
+    plan = part(answer, "plan")
+    if not plan:
+        return f"{text}; no plan yet"
+    uncovered = f", not covered: {escape(names(plan, 'uncovered'))}" if plan.get("uncovered") else ""
+    return f"{text}; plan {plan.get('status')}{uncovered}, {_seconds(plan.get('age_s'))} old"
+
+
+def _targets(answer: Answer) -> Table:
+    table = Table("target", "status", "x, y, z (m)", "sigma (mm)", "seen by", "age (s)", title="Targets")
+    targets = part(answer, "targets")
+    for name in targets:
+        target = part(targets, name)
+        place = ", ".join(f"{value:.3f}" for value in _numbers(target, "position_m"))
+        sigma = ", ".join(f"{1000.0 * value:.1f}" for value in _numbers(target, "sigma_m"))
+        age = "".join(f"{value:.1f}" for value in _numbers(target, "age_s"))
+        seen_by = names(target, "seen_by") if target.get("seen_by") else ""
+        table.add_row(escape(name), _coloured(target.get("status")), place, sigma, escape(seen_by), age)
+    return table
+
+
+def _devices(answer: Answer) -> Table:
+    table = Table("device", "link", "state", "reason", title="Devices")
+    for kind in ("cameras", "heads", "drones"):
+        devices = part(answer, kind)
+        for name in devices:
+            device = part(devices, name)
+            state, reason = ", ".join(_state(device)), escape(str(device.get("reason")))
+            table.add_row(escape(name), _coloured(device.get("link")), state, reason)
+    return table
+
+
+def _state(device: Answer) -> Iterator[str]:
+    """Yield what is known of a camera, a head or a drone."""
+    yield from (f"{value:.1f} fps" for value in _numbers(device, "fps"))
+    if "enabled" in device:
+        yield "enabled" if device["enabled"] else "held"
+    yield from (f"pan {value:.1f} deg" for value in _numbers(device, "pan_deg"))
+    yield from (f"tilt {value:.1f} deg" for value in _numbers(device, "tilt_deg"))
+    if "flight" in device:
+        yield str(device["flight"])
+
+
+def _numbers(answer: Answer, key: str) -> list[float]:
+    """Return the number or numbers under a key; none where they are unknown."""
+    found = answer.get(key)
+    return [value for value in (found if isinstance(found, list) else [found]) if isinstance(value, int | float)]
+
+
+def _seconds(value: object) -> str:
+    return f"{value:.1f} s" if isinstance(value, int | float) else ""
+
+
+def _coloured(value: object) -> str:
+    colour = _COLOURS.get(str(value))
+    return f"[{colour}]{value}[/{colour}]" if colour else escape(str(value))

@@ -1,0 +1,215 @@
+"""The operator's commands: one handler for all of them, whichever way they come in.
+
+A request is an object ``{"command": "hold"}``; ``resume`` may name ``heads``, ``arm`` and ``land`` name a ``drone``.
+The answer is ``{"ok": true, ...}`` or ``{"ok": false, "error": <a sentence>, "exit_code": <of camrig.errors>}``.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, Protocol
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from camrig.errors import CamrigError, HardwareError, InputError, PartialError
+from camrig.messages import LinkStatus
+from camrig.runtime.operator_status import RecentEvents, View, status_of
+
+log = logging.getLogger(__name__)
+
+RATE_WINDOW_S = 3.0
+"""Frames per second are counted over about this long."""
+_SAMPLE_S = 0.4
+_FAULT_CHARACTERS = 300
+
+
+class Orders(Protocol):
+    """What an operator may ask of the daemon. Any thread; nothing here waits for a device to have moved."""
+
+    def view(self) -> View:
+        """Return what the daemon knows now."""
+        ...
+
+    def hold(self) -> Mapping[str, str]:
+        """Stop every head and hold every drone until ``resume`` or ``arm``; return what failed, by device."""
+        ...
+
+    def resume(self, heads: Collection[str]) -> None:
+        """Let these heads move."""
+        ...
+
+    def arm(self, drone: str) -> None:
+        """Check, arm and climb to the lowest height of the box."""
+        ...
+
+    def land(self, drone: str) -> None:
+        """Land where it is."""
+        ...
+
+    def rescan(self) -> None:
+        """Scan the whole floor again."""
+        ...
+
+
+Id = Annotated[str, Field(max_length=100)]
+
+
+class _Request(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Status(_Request):
+    """How the rig is."""
+
+    command: Literal["status"]
+
+
+class Hold(_Request):
+    """Stop every head, hold every drone."""
+
+    command: Literal["hold"]
+
+
+class Resume(_Request):
+    """Let heads move; none named = all."""
+
+    command: Literal["resume"]
+    heads: Annotated[tuple[Id, ...], Field(max_length=256)] = ()
+
+
+class Arm(_Request):
+    """Arm a drone and let it climb; in the air: let it follow plans again."""
+
+    command: Literal["arm"]
+    drone: Id
+
+
+class Land(_Request):
+    """Land a drone where it is."""
+
+    command: Literal["land"]
+    drone: Id
+
+
+class Scan(_Request):
+    """Scan the whole floor again."""
+
+    command: Literal["scan"]
+
+
+Request = Status | Hold | Resume | Arm | Land | Scan
+_STATUS = Status(command="status").model_dump_json()
+_REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="command")])
+
+Answer = dict[str, object]
+
+
+@dataclass
+class Operator:
+    """Obeys requests. ``handle`` may be called by any thread, ``watch`` by one, about once a second."""
+
+    orders: Orders
+    events: RecentEvents
+    _samples: tuple[tuple[float, Mapping[str, int]], ...] = field(default=())
+
+    def handle(self, request: object, sender: str) -> Answer:
+        """Obey a decoded request and return its answer; logs both, with who sent it. Raises nothing on bad input."""
+        asked, result = "a request", "done"
+        try:
+            parsed = _parsed(request)
+            asked = parsed.model_dump_json()
+            answer = {"ok": True, **self._obey(parsed)}
+        except CamrigError as error:
+            result = str(error)
+            answer = {"ok": False, "error": result, "exit_code": error.exit_code}
+        quiet = asked == _STATUS  # asked every second by whoever watches
+        log.log(logging.DEBUG if quiet else logging.INFO, "operator: %s: %s: %s", sender, asked, result)
+        return answer
+
+    def watch(self) -> None:
+        """Note the cameras' frame counts, for their rates."""
+        view = self.orders.view()
+        if self._samples and view.now_s < self._samples[-1][0] + _SAMPLE_S:
+            return
+        recent = (sample for sample in self._samples if sample[0] > view.now_s - RATE_WINDOW_S)
+        self._samples = (*recent, (view.now_s, view.frames))
+
+    def _obey(self, request: Request) -> Answer:
+        match request:
+            case Status():
+                view = self.orders.view()
+                return status_of(view, self._fps(view), self.events.latest)
+            case Hold():
+                return self._hold()
+            case Resume(heads=heads):
+                return self._resume(heads)
+            case Arm(drone=drone):
+                self._reach_drone(drone)
+                self.orders.arm(drone)
+            case Land(drone=drone):
+                self._reach_drone(drone)
+                self.orders.land(drone)
+            case Scan():
+                self.orders.rescan()
+        return {}
+
+    def _hold(self) -> Answer:
+        failed = self.orders.hold()
+        view = self.orders.view()
+        rig = view.rig
+        unreached = {**_unreached(view, (*rig.heads, *rig.drones)), **failed}
+        if unreached:
+            reasons = "; ".join(f"{name}: {reason}" for name, reason in sorted(unreached.items()))
+            raise PartialError(f"no stop reached {reasons} (none of them is moved again before resume or arm)")
+        return {"heads": sorted(rig.heads), "drones": sorted(rig.drones)}
+
+    def _resume(self, named: Collection[str]) -> Answer:
+        view = self.orders.view()
+        for name in named:
+            _check_known(view.rig.name, "head", name, view.rig.heads)
+        heads = tuple(sorted(named or view.rig.heads))
+        if not heads:
+            raise InputError(f"rig '{view.rig.name}' has no heads to resume; a drone is resumed by arm")
+        self.orders.resume(heads)
+        return {"heads": list(heads), "unreached": _unreached(view, heads)}
+
+    def _reach_drone(self, drone: str) -> None:
+        view = self.orders.view()
+        _check_known(view.rig.name, "drone", drone, view.rig.drones)
+        for name, reason in _unreached(view, [drone]).items():
+            raise HardwareError(f"drone {name} cannot be reached: {reason}")
+
+    def _fps(self, view: View) -> dict[str, float]:
+        samples = self._samples
+        if not samples or view.now_s <= samples[0][0]:
+            return {}
+        since_s, frames = samples[0]
+        return {name: (count - frames.get(name, 0)) / (view.now_s - since_s) for name, count in view.frames.items()}
+
+
+def _parsed(request: object) -> Request:
+    try:
+        return _REQUESTS.validate_python(request)
+    except ValidationError as error:
+        faults = "; ".join(f"{'.'.join(map(str, fault['loc']))} {fault['msg']}".strip() for fault in error.errors())
+        # Escaped and cut: this text goes into a log, and the keys in it are the sender's.
+        raise InputError(f"the request is not understood: {ascii(faults)[1:-1][:_FAULT_CHARACTERS]}") from error
+
+
+def _check_known(rig: str, kind: str, name: str, known: Iterable[str]) -> None:
+    names = ", ".join(sorted(known))
+    if name not in known:
+        allowed = f"its {kind}s are {names}" if names else f"it has no {kind}s"
+        raise InputError(f"rig '{rig}' has no {kind} {name!r}; {allowed}")
+
+
+def _unreached(view: View, devices: Iterable[str]) -> dict[str, str]:
+    """Return the devices whose link is not up, and why."""
+    reports = ((name, view.link(name)) for name in devices)
+    return {
+        name: f"link {report.status.value} ({report.reason})" if report.reason else f"link {report.status.value}"
+        for name, report in reports
+        if report.status is not LinkStatus.UP
+    }
