@@ -1,21 +1,94 @@
-"""A frame becomes the tags in it."""
+"""A frame becomes the tags in it: in the whole picture, or only where tags are expected."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from camrig.interfaces import TagDetector
-from camrig.messages import Frame, TagDetections
+from camrig.messages import Frame, Region, TagDetection, TagDetections
+
+WHOLE_SHARE = 0.3
+"""Regions that together cover more of the picture than this save nothing over looking at all of it."""
+
+MIN_SIDE_PX = 32
 
 
-def detect_tags(frame: Frame, detector: TagDetector, now_s: Callable[[], float]) -> TagDetections:
+def detect_tags(
+    frame: Frame, detector: TagDetector, now_s: Callable[[], float], regions: Sequence[Region] | None = None
+) -> TagDetections:
     """Find the tags of a frame; ``now_s`` is the clock that tells how long it took.
 
-    Raises InputError for a picture that no detector takes (a side under 16 px).
+    With ``regions`` only those are searched, unless they cover so much that the whole picture costs no more. A tag
+    that a region cuts is not found. Raises InputError for a picture that no detector takes (a side under 16 px).
     """
     begun_s = now_s()
-    tags = detector.detect(frame.image)
     height, width = frame.image.shape
+    searched = None if regions is None else merged(regions, (width, height))
+    if searched is None or sum(_area(region) for region in searched) > WHOLE_SHARE * width * height:
+        tags, whole = detector.detect(frame.image), True
+    else:
+        tags, whole = tuple(tag for region in searched for tag in _detect_in(frame, detector, region)), False
     return TagDetections(
-        frame.camera_id, frame.stamp_s, frame.sequence, (width, height), tags, now_s() - begun_s, frame.source
+        frame.camera_id, frame.stamp_s, frame.sequence, (width, height), tags, now_s() - begun_s, frame.source, whole
     )
+
+
+def merged(regions: Sequence[Region], size_px: tuple[int, int]) -> tuple[Region, ...]:
+    """Return disjoint regions inside a picture of ``size_px`` that hold all the given ones, each large enough."""
+    width, height = size_px
+    waiting = [grown for region in regions if (grown := _fitted(region, width, height)) is not None]
+    done: list[Region] = []
+    while waiting:
+        region = waiting.pop()
+        touching = next((other for other in done if _overlap(region, other)), None)
+        if touching is None:
+            done.append(region)
+        else:
+            done.remove(touching)
+            waiting.append(_union(region, touching))
+    return tuple(done)
+
+
+def _detect_in(frame: Frame, detector: TagDetector, region: Region) -> tuple[TagDetection, ...]:
+    left, top, right, bottom = region
+    # The detector takes a picture of its own: rows of a view would lie a whole picture's width apart.
+    found = detector.detect(frame.image[top:bottom, left:right].copy())
+    return tuple(
+        replace(
+            tag,
+            corners_px=tag.corners_px + np.array([left, top]),
+            centre_px=(tag.centre_px[0] + left, tag.centre_px[1] + top),
+        )
+        for tag in found
+    )
+
+
+def _fitted(region: Region, width: int, height: int) -> Region | None:
+    """Return the part of a region inside the picture, made ``MIN_SIDE_PX`` wide and high; None where there is none."""
+    left, top, right, bottom = max(0, region[0]), max(0, region[1]), min(width, region[2]), min(height, region[3])
+    if left >= right or top >= bottom:
+        return None
+    left, right = _stretched(left, right, width)
+    top, bottom = _stretched(top, bottom, height)
+    return left, top, right, bottom
+
+
+def _stretched(low: int, high: int, size: int) -> tuple[int, int]:
+    missing = max(0, min(MIN_SIDE_PX, size) - (high - low))
+    low = max(0, min(low - missing // 2, size - (high - low) - missing))
+    return low, max(high, low + min(MIN_SIDE_PX, size))
+
+
+def _overlap(a: Region, b: Region) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+def _union(a: Region, b: Region) -> Region:
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
+
+
+def _area(region: Region) -> int:
+    return (region[2] - region[0]) * (region[3] - region[1])

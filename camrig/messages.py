@@ -44,7 +44,7 @@ class TagDetection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TagDetections:
-    """All tags of one frame."""
+    """All tags of one frame; ``whole`` is False where only the regions of expected tags were searched."""
 
     camera_id: str
     stamp_s: float
@@ -53,6 +53,25 @@ class TagDetections:
     tags: tuple[TagDetection, ...]
     detect_s: float
     source: str = ""
+    whole: bool = True
+
+
+Region = tuple[int, int, int, int]
+"""A part of a picture in pixels: left, top, right, bottom; the last two are not part of it any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """Where the tags of one camera's pictures are expected, for frames stamped ``from_s`` to ``until_s``."""
+
+    camera_id: str
+    from_s: float
+    until_s: float
+    regions: tuple[Region, ...]
+
+    def holds_at(self, stamp_s: float) -> bool:
+        """Tell whether a frame of this stamp may be searched there alone."""
+        return self.from_s <= stamp_s <= self.until_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from camrig.messages import (
     Command,
     DroneReading,
     Event,
+    Expected,
     FlightState,
     LinkReport,
     PlannerAnswer,
@@ -56,6 +57,8 @@ class Outputs:
     published: Published
     request: PlannerRequest | None = None
     commands: tuple[Command, ...] = ()
+    expected: tuple[Expected, ...] = ()
+    """Where tags are expected; a camera that is not among them looks at its whole pictures."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from camrig import fuse, locate
 from camrig.interfaces import Published
 from camrig.messages import CameraPose, Event, Sighting
 from camrig.pipeline import mission, watch
+from camrig.pipeline.expect import expected
 from camrig.pipeline.state import Inputs, Outputs, Settings, State
 from camrig.rig import Rig
 from camrig.steer import steer
@@ -28,7 +29,7 @@ def step(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     said = (*inputs.events, *link_events, *notes, *fuse_notes, *events, *watch.held_events(steered.held, now_s))
     state, said = watch.without_repeats(replace(state, tracks=tracks, mission=plan, steer=steered), said)
     published = Published(now_s, targets, said, inputs.links, plan.plan, sightings, camera_poses)
-    return state, Outputs(published, request, commands)
+    return state, Outputs(published, request, commands, expected(state, targets, known.pose, rig, now_s))
 
 
 Seen = tuple[State, tuple[Sighting, ...], tuple[CameraPose, ...], tuple[Event, ...]]

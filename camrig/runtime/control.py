@@ -61,6 +61,7 @@ class Control:
         if outputs.request is not None:
             self.planner.submit(outputs.request)
         self._command(outputs)
+        self._expect(outputs)
         self._publish(outputs.published)
 
     def rescan(self) -> None:
@@ -91,6 +92,14 @@ class Control:
                     self.devices.heads[name].commands.put(aim)
                 case DroneCommand(drone_id=name, aim=drone_aim):
                     self.devices.drones[name].commands.put(drone_aim)
+
+    def _expect(self, outputs: Outputs) -> None:
+        found = {expected.camera_id: expected for expected in outputs.expected}
+        for name, job in self.devices.cameras.items():
+            if name in found:
+                job.expected.put(found[name])
+            else:
+                job.expected.clear()
 
     def _publish(self, published: Published) -> None:
         for event in published.events:

@@ -11,7 +11,7 @@ from camrig.clock import Clock
 from camrig.detect import detect_tags
 from camrig.errors import HardwareError, LinkLost, NotEnabledError
 from camrig.interfaces import Camera, Drone, Head, TagDetector
-from camrig.messages import AxisReading, DroneAim, DroneReading, Event, HeadAim, Level, TagDetections
+from camrig.messages import AxisReading, DroneAim, DroneReading, Event, Expected, HeadAim, Level, Region, TagDetections
 from camrig.runtime.guardian_link import GuardianLink
 from camrig.runtime.mailbox import Mailbox
 
@@ -19,20 +19,25 @@ CAMERA_TIMEOUT_S = 0.5
 HEAD_TIMEOUT_S = 0.3
 DRONE_TIMEOUT_S = 0.02
 READINGS_KEPT = 64
+WHOLE_EVERY_S = 0.5
+"""How often the whole picture is searched even when every target is where it is expected."""
 
 
 @dataclass
 class CameraJob:
-    """Dequeues frames and detects the tags in each; the newest detections win."""
+    """Dequeues frames and detects the tags in each: where they are expected, and now and then in the whole picture."""
 
     name: str
     camera: Camera
     make_detector: Callable[[], TagDetector]
     clock: Clock
     detections: Mailbox[TagDetections] = field(default_factory=lambda: Mailbox(4))
+    expected: Mailbox[Expected] = field(default_factory=lambda: Mailbox(1))
     frames: int = 0
+    whole_frames: int = 0
     detect_s: float = 0.0
     _detector: TagDetector | None = None
+    _whole_s: float = float("-inf")
 
     def open(self) -> None:
         if self._detector is None:  # one detector per thread, kept for the life of the process
@@ -43,10 +48,17 @@ class CameraJob:
         frame = self.camera.read(CAMERA_TIMEOUT_S)
         if frame is None or self._detector is None:
             return
-        found = detect_tags(frame, self._detector, self.clock.now_s)
+        found = detect_tags(frame, self._detector, self.clock.now_s, self._regions(frame.stamp_s))
+        self._whole_s = found.stamp_s if found.whole else self._whole_s
         self.frames += 1
+        self.whole_frames += found.whole
         self.detect_s += found.detect_s
         self.detections.put(found)
+
+    def _regions(self, stamp_s: float) -> tuple[Region, ...] | None:
+        expected = self.expected.newest()
+        due = stamp_s >= self._whole_s + WHOLE_EVERY_S
+        return None if due or expected is None or not expected.holds_at(stamp_s) else expected.regions
 
     def close(self) -> None:
         self.camera.close()

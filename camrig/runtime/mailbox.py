@@ -28,6 +28,11 @@ class Mailbox(Generic[ItemT]):
             self._items.clear()
         return items
 
+    def newest(self) -> ItemT | None:
+        """Return the newest item and leave it there; never blocks."""
+        with self._lock:
+            return self._items[-1] if self._items else None
+
     def clear(self) -> None:
         """Drop what is waiting."""
         self.take_all()
