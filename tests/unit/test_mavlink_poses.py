@@ -102,3 +102,21 @@ def test_reboot_forgets_what_was_waiting() -> None:
     poses, rebooted = track.hear(position(500), 1100.0)
     assert [pose.stamp_s for pose in poses] == [1100.0]
     assert not rebooted
+
+
+def test_stamps_ascend_whatever_is_repeated_or_overtaken() -> None:
+    track = PoseTrack(ORIGIN_M)
+    poses = hear(track, position(1000), attitude(1000), position(1000))
+    poses += hear(track, attitude(1040), position(1040), position(1020))
+    assert [pose.stamp_s - BOOTED_S for pose in poses] == pytest.approx([1.0, 1.04])
+
+
+def test_stamps_ascend_while_the_first_delay_is_found_to_be_long() -> None:
+    track, stamps_s = PoseTrack(ORIGIN_M), []
+    for count, delay_s in enumerate([0.2, 0.002, 0.002, 0.002, 0.002, 0.002, 0.002, 0.002, 0.002]):
+        boot_ms = 1000 + 40 * count
+        track.hear(attitude(boot_ms), BOOTED_S + boot_ms / 1e3 + delay_s)
+        poses, _ = track.hear(position(boot_ms), BOOTED_S + boot_ms / 1e3 + delay_s)
+        stamps_s += [pose.stamp_s for pose in poses]
+    assert stamps_s == sorted(set(stamps_s))
+    assert stamps_s[-1] == pytest.approx(BOOTED_S + 1.322)

@@ -158,6 +158,8 @@ class MavlinkDrone:
 
     def _meet(self, heartbeat: Heartbeat, now_s: float) -> bool:
         """Learn from the first heartbeat which autopilot it is; return whether this one is of that autopilot."""
+        if not heartbeat.is_autopilot:
+            return False
         flavour = FLAVOURS.get(heartbeat.autopilot)
         if self._vehicle is None and flavour is not None:
             seen = Telemetry(self._spec.id, self._section.origin_m, heartbeat, now_s)

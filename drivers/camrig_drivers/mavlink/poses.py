@@ -35,6 +35,7 @@ class PoseTrack:
         self._clock = BootClock()
         self._attitudes: deque[tuple[float, Array]] = deque(maxlen=32)  # boot time, R_world_body
         self._waiting: deque[tuple[float, Vector]] = deque(maxlen=16)  # boot time, world position
+        self._last_stamp_s = float("-inf")
 
     def hear(self, packet: Attitude | LocalPosition, arrival_s: float) -> tuple[list[StampedPose], bool]:
         """Take one message; return the poses it completes, oldest first, and whether the autopilot has rebooted."""
@@ -52,12 +53,14 @@ class PoseTrack:
         return self._completed(), rebooted
 
     def _completed(self) -> list[StampedPose]:
+        """Pair what can be paired; stamps ascend, so what a router repeats or a datagram overtakes is left out."""
         poses = []
         while self._waiting and self._attitudes and self._waiting[0][0] <= self._attitudes[-1][0]:
             boot_s, position = self._waiting.popleft()
-            R = self._attitude_at(boot_s)
-            if R is not None:
-                poses.append(StampedPose(self._clock.stamp_s(boot_s), transform(R, np.array(position))))
+            R, stamp_s = self._attitude_at(boot_s), self._clock.stamp_s(boot_s)
+            if R is not None and stamp_s > self._last_stamp_s:
+                self._last_stamp_s = stamp_s
+                poses.append(StampedPose(stamp_s, transform(R, np.array(position))))
         return poses
 
     def _attitude_at(self, boot_s: float) -> Array | None:

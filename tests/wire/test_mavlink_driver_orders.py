@@ -1,0 +1,111 @@
+"""Orders become bytes on UDP: take-over, go_to, stop from any thread, close."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import pytest
+
+from camrig.errors import InputError, NotEnabledError
+from camrig_drivers.mavlink import MavlinkDrone
+from tests.mavlink_peer import (
+    GUIDED,
+    Peer,
+    heartbeat,
+    listening,
+    make_drone,
+    opened,
+    served,
+    telemetry,
+    url_of,
+)
+
+
+def flying(peer: Peer, drone: MavlinkDrone) -> None:
+    """Take over a vehicle that hovers in GUIDED already, and send it off to the east."""
+    hover(peer, drone, 1000)
+    drone.arm()
+    served(drone)
+    drone.go_to((4.0, 2.0, 1.5), 0.0)
+
+
+def hover(peer: Peer, drone: MavlinkDrone, boot_ms: int) -> None:
+    peer.say(heartbeat(mode=GUIDED, armed=True), *telemetry(boot_ms, landed_state=2, height_m=1.5))
+    served(drone)
+
+
+def set_points(messages: list[Any]) -> list[tuple[float, float, float]]:
+    return [(m.x, m.y, m.z) for m in messages if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+
+
+def test_stop_from_another_thread_is_on_the_wire_at_once() -> None:
+    """While the worker waits in ``read``; the bound is generous for a loaded machine."""
+    with listening() as peer, opened(make_drone(url_of(peer)), peer) as drone:
+        flying(peer, drone)
+        for boot_ms in range(1100, 1600, 100):
+            hover(peer, drone, boot_ms)
+        before = set_points(peer.heard(0.01))
+        worker = threading.Thread(target=served, args=(drone, 0.4))
+        worker.start()
+        started_s = time.monotonic()
+        drone.stop()
+        (first,) = set_points(peer.heard(0.02))[:1]
+        latency_s = time.monotonic() - started_s
+        with pytest.raises(NotEnabledError):
+            drone.go_to((4.0, 2.0, 1.5), 0.0)
+        worker.join()
+        after = set_points(peer.heard(0.05))
+    assert max(east_m for _, east_m, _ in before) > 1.1
+    assert first == (2.0, 1.0, -1.5)
+    assert set(after) == {first}
+    assert latency_s < 0.15  # of which the test itself listens for 0.02 s of silence
+
+
+def test_stop_without_a_fresh_position_holds_the_last_set_point() -> None:
+    with listening() as peer, opened(make_drone(url_of(peer)), peer) as drone:
+        flying(peer, drone)
+        served(drone, 0.6)
+        moving = set_points(peer.heard(0.01))
+        drone.stop()
+        assert set_points(peer.heard(0.05)) == [moving[-1]]
+
+
+def test_stop_needs_no_reader() -> None:
+    with listening() as peer, opened(make_drone(url_of(peer)), peer) as drone:
+        flying(peer, drone)
+        served(drone)
+        peer.heard(0.01)
+        drone.stop()
+        assert "SET_POSITION_TARGET_LOCAL_NED" in [message.get_type() for message in peer.heard(0.05)]
+
+
+def test_take_over_in_the_air_commands_the_present_place_only() -> None:
+    with listening() as peer, opened(make_drone(url_of(peer)), peer) as drone:
+        peer.say(heartbeat(mode=GUIDED, armed=True), *telemetry(1000, landed_state=2, height_m=1.5))
+        served(drone)
+        peer.heard(0.01)
+        drone.arm()
+        served(drone, 0.3)
+        sent = peer.heard(0.05)
+    targets = [m for m in sent if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+    assert {(m.coordinate_frame, m.type_mask, m.target_system) for m in targets} == {(1, 0x9F8, 1)}
+    assert {(m.x, m.y, m.z) for m in targets} == {(2.0, 1.0, -1.5)}
+    assert {m.command for m in sent if m.get_type() == "COMMAND_LONG"} <= {511}
+
+
+def test_go_to_is_checked_before_anything_else() -> None:
+    drone = make_drone("udp://127.0.0.1:14550")
+    for place in [(-0.1, 1.0, 1.5), (1.0, 1.0, 0.9), (1.0, 1.0, float("nan"))]:
+        with pytest.raises(InputError, match=r"outside its box \[0, 0, 1\] to \[5, 3, 2.5\] m"):
+            drone.go_to(place, 0.0)
+    with pytest.raises(NotEnabledError, match="arm it first"):
+        drone.go_to((1.0, 1.0, 1.5), 0.0)
+
+
+def test_closing_twice_and_stopping_when_closed_are_allowed() -> None:
+    drone = make_drone("udp://127.0.0.1:14550")
+    drone.stop()
+    drone.close()
+    drone.close()
