@@ -34,7 +34,7 @@ def plan(
     seed: Annotated[int | None, typer.Option(help="The same seed gives the same plan.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Write a map of the (single) plan to this PNG.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a scene.")] = False,
-) -> int:
+) -> None:
     """Find where every camera of a scene should look or hover. Exit code 4 where a target stays uncovered."""
     _choice("--solver", solver, get_args(Solver), solver)
     if deadline_s is not None and not deadline_s > 0.0:

@@ -9,10 +9,10 @@ import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.lens import Lens
-from camrig.geometry.pose import apply, invert
+from camrig.geometry.pose import apply, invert, transform
 from camrig.messages import CameraPose, Expected, HeadAim, Region, RigPose, Target, TargetStatus
 from camrig.pipeline.state import State
-from camrig.rig import Body, CameraSpec, DroneMount, HeadMount, Rig
+from camrig.rig import CameraSpec, DroneMount, HeadMount, Rig
 
 VALID_S = 0.3
 SIGMAS = 3.0
@@ -66,42 +66,39 @@ def _apart_rad(a: HeadAim, b: HeadAim) -> float:
 
 
 def _regions(lens: Lens, seen_from: CameraPose, targets: tuple[Target, ...], rig: Rig) -> Iterator[Region]:
+    """Yield the part of the picture that each tag may cover, whatever its heading, if it may be in it at all."""
     T_camera_world = invert(seen_from.T_world_camera)
-    sway_rad = SIGMAS * math.sqrt(float(np.linalg.eigvalsh(seen_from.covariance[3:, 3:]).max()))
-    for target in targets:
-        T_world_body = np.eye(4)
-        T_world_body[:3, :3], T_world_body[:3, 3] = target.R_world_body, target.position_m
-        sigma_m = math.sqrt(float(np.linalg.eigvalsh(target.covariance_m2).max()))
-        travel_m = VALID_S * float(np.linalg.norm(target.velocity_m_s)) + MOTION_M * _moves(
-            rig.targets[target.id]
-        )
-        for tag in rig.targets[target.id].tags:
-            T_camera_tag = T_camera_world @ T_world_body @ tag.T_body_tag
-            yield from _region(lens, T_camera_tag, tag.size_m, SIGMAS * sigma_m + travel_m, sway_rad)
-    for anchor in rig.anchors:
-        yield from _region(lens, T_camera_world @ anchor.T_world_tag, anchor.size_m, 0.0, sway_rad)
-
-
-def _moves(body: Body) -> float:
-    return 0.0 if body.motion == "static" else 1.0
-
-
-def _region(lens: Lens, T_camera_tag: Transform, size_m: float, reach_m: float, sway_rad: float) -> Iterator[Region]:
-    """Yield the picture's part that a tag of unknown heading may cover, if it may be in the picture at all."""
-    centre = T_camera_tag[:3, 3]
-    if centre[2] <= 0.1:
+    tags = [*_target_tags(targets, rig), *((anchor.T_world_tag, anchor.size_m, 0.0) for anchor in rig.anchors)]
+    if not tags:
         return
-    half_m = size_m * (0.5 * math.sqrt(2.0) + TAG_MARGIN) + reach_m
-    pixels = lens.project(apply(T_camera_tag, half_m * _SQUARE))
-    pixels = np.vstack([pixels, lens.project(centre[None])])
-    known = pixels[np.isfinite(pixels).all(axis=1)]
-    if not len(known):
-        return
-    sway_px = sway_rad * max(lens.focal_px)
-    low, high = np.floor(known.min(axis=0) - sway_px), np.ceil(known.max(axis=0) + sway_px) + 1
+    squares = np.stack([apply(T_camera_world @ T, _half_m(size_m, reach_m) * _SQUARE) for T, size_m, reach_m in tags])
+    pixels = lens.project(squares)
+    sway_px = SIGMAS * math.sqrt(float(np.linalg.eigvalsh(seen_from.covariance[3:, 3:]).max())) * max(lens.focal_px)
     width, height = lens.size_px
-    if low[0] < width and low[1] < height and high[0] > 0 and high[1] > 0:
-        yield int(low[0]), int(low[1]), int(high[0]), int(high[1])
+    for points in pixels:
+        known = points[np.isfinite(points).all(axis=1)]
+        if not len(known):
+            continue
+        (left, top), (right, bottom) = known.min(axis=0) - sway_px, known.max(axis=0) + sway_px
+        if left < width and top < height and right > 0.0 and bottom > 0.0:
+            yield math.floor(left), math.floor(top), math.ceil(right) + 1, math.ceil(bottom) + 1
 
 
-_SQUARE: Array = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+def _target_tags(targets: tuple[Target, ...], rig: Rig) -> Iterator[tuple[Transform, float, float]]:
+    """Yield T_world_tag, size and how far it may be from there, of every tag on every target."""
+    for target in targets:
+        body = rig.targets[target.id]
+        T_world_body = transform(target.R_world_body, target.position_m)
+        reach_m = SIGMAS * math.sqrt(float(np.linalg.eigvalsh(target.covariance_m2).max()))
+        if body.motion != "static":
+            reach_m += VALID_S * float(np.linalg.norm(target.velocity_m_s)) + MOTION_M
+        for tag in body.tags:
+            yield T_world_body @ tag.T_body_tag, tag.size_m, reach_m
+
+
+def _half_m(size_m: float, reach_m: float) -> float:
+    return size_m * (0.5 * math.sqrt(2.0) + TAG_MARGIN) + reach_m
+
+
+_SQUARE: Array = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+"""The corners and the middle: where part of it is behind the camera, the rest still counts."""

@@ -57,8 +57,8 @@ class Outputs:
     published: Published
     request: PlannerRequest | None = None
     commands: tuple[Command, ...] = ()
-    expected: tuple[Expected, ...] = ()
-    """Where tags are expected; a camera that is not among them looks at its whole pictures."""
+    expected: tuple[Expected, ...] | None = None
+    """Where tags are expected; a camera that is not among them looks at its whole pictures. None: as before."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,9 @@ def step(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     said = (*inputs.events, *link_events, *notes, *fuse_notes, *events, *watch.held_events(steered.held, now_s))
     state, said = watch.without_repeats(replace(state, tracks=tracks, mission=plan, steer=steered), said)
     published = Published(now_s, targets, said, inputs.links, plan.plan, sightings, camera_poses)
-    return state, Outputs(published, request, commands, expected(state, targets, known.pose, rig, now_s))
+    news = camera_poses or commands
+    regions = expected(state, targets, known.pose, rig, now_s) if news else None
+    return state, Outputs(published, request, commands, regions)
 
 
 Seen = tuple[State, tuple[Sighting, ...], tuple[CameraPose, ...], tuple[Event, ...]]

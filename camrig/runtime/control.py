@@ -94,6 +94,8 @@ class Control:
                     self.devices.drones[name].commands.put(drone_aim)
 
     def _expect(self, outputs: Outputs) -> None:
+        if outputs.expected is None:
+            return
         found = {expected.camera_id: expected for expected in outputs.expected}
         for name, job in self.devices.cameras.items():
             if name in found:
