@@ -21,8 +21,13 @@ from camrig.optimise.search import Table, descend, greedy_start, random_start, t
 from camrig.optimise.sight import Indices, Problem, problem_of
 
 _GREEDY_STARTS = 4
-_RANDOM_STARTS = 16
+_RANDOM_STARTS = (16, 64)
+_START_WORK = 2_000_000
+"""Gains looked at in one sweep of all starts: small scenes can afford more starts."""
+
 _POLISHED = 3
+_HOPELESS_SHARE = 0.25
+"""Polishing gains less than this: a start that is worse by more than this cannot win."""
 _SAME_SHARE = 0.005
 
 
@@ -91,6 +96,8 @@ def _best(problem: Problem, running: Configuration | None, rng: np.random.Genera
     best = running
     for vectors in allowed[:_POLISHED]:
         proposal = configuration(problem, vectors)
+        if best is not None and better(best.score, proposal.score, _HOPELESS_SHARE):
+            break
         if not expired():
             proposal = polish(problem, table.separation_m, proposal, expired)
         if best is None or better(proposal.score, best.score):
@@ -157,7 +164,10 @@ def _kind(camera: SceneCamera) -> object:
 def _starts(table: Table, running: Configuration | None, rng: np.random.Generator) -> Indices:
     n = len(table.gains)
     starts = [greedy_start(table, rng.permutation(n)) for _ in range(_GREEDY_STARTS)]
-    starts += [random_start(table, rng) for _ in range(_RANDOM_STARTS)]
+    work = sum(gain.size for gain in table.gains)
+    fewest, most = _RANDOM_STARTS
+    count = fewest if running is not None else int(np.clip(_START_WORK // max(work, 1), fewest, most))
+    starts += [random_start(table, rng) for _ in range(count)]
     if running is not None:
         starts.insert(0, np.zeros(n, dtype=np.intp))
     return np.array(starts)

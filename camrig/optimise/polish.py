@@ -21,7 +21,8 @@ from camrig.optimise.sight import Problem, gains
 
 Expired = Callable[[], bool]
 
-_SCALES = 0.16 * 0.25 ** np.arange(7)
+_SCALES = 0.16 * 0.2 ** np.arange(4)
+"""Steps in radians or metres; what is finer than the last is left to SLSQP."""
 _MOST_SWEEPS = 12
 _MOST_ITERATIONS = 60
 _WORTHWHILE = 1e-4
@@ -75,7 +76,8 @@ def polish(problem: Problem, separation_m: Array, start: Configuration, expired:
         best = slsqp(problem, separation_m, compass(problem, separation_m, best, expired), expired)
         if expired() or not better(best.score, before.score, 1e-6):
             break
-    return best
+    # Sums over many poses at once differ from those over one in the last bit: judge all plans alike.
+    return configuration(problem, best.vectors)
 
 
 def _star(problem: Problem, separation_m: Array, vectors: list[Array], i: int) -> Array:

@@ -105,9 +105,13 @@ def _seen(problem: Problem, camera: SceneCamera, R: Array, origins: Array, point
     """Tell which of N roughly seen pairs are seen: R (N, 3, 3), origins and optical-frame points (N, 3)."""
     seen = np.ones(len(target), dtype=bool)
     if problem.settings.visibility == "image":
-        seen = sensing.in_image(camera.lens, points, problem.settings.margin_rad)
-        tags = np.flatnonzero(seen & problem.targets.tagged[target])
+        seen = sensing.in_image(camera.lens, points)
+        tagged = problem.targets.tagged[target]
+        tags = np.flatnonzero(seen & tagged)
         seen[tags] = _tag_seen(problem, camera, R[tags], origins[tags], target[tags])
+        if problem.settings.margin_rad > 0.0:
+            lone = np.flatnonzero(seen & ~tagged)
+            seen[lone] = sensing.in_image(camera.lens, points[lone], problem.settings.margin_rad)
     if problem.keep_out_m:
         seen &= ~blocked(origins, problem.targets.points_m[target], problem.keep_out_m)
     return seen
