@@ -1,0 +1,18 @@
+"""Every daemon of these tests keeps its socket in a folder of this run: two suites on one host do not meet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+
+
+@pytest.fixture(scope="session", autouse=True)
+def session_folder() -> Iterator[Path]:
+    """Return what stands for the user's own XDG_RUNTIME_DIR."""
+    with TemporaryDirectory(prefix="camrig-") as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", folder)
+        patch.delenv("RUNTIME_DIRECTORY", raising=False)
+        yield Path(folder)
