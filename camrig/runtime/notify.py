@@ -33,8 +33,9 @@ class Notifier:
         if not self._address:
             return
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as channel:
+            channel.setblocking(False)
             try:
                 channel.connect(self._address)
                 channel.send(message.encode())
             except OSError:
-                return  # a supervisor that went away must not take the rig down
+                return  # a supervisor that went away, or does not read, must not hold up the rig

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from camrig.clock import Clock
-from camrig.errors import EndOfInput, LinkLost
+from camrig.errors import CamrigError, EndOfInput, LinkLost
 from camrig.messages import LinkReport, LinkStatus
 from camrig.runtime.mailbox import Mailbox
 
@@ -80,16 +80,17 @@ class Worker:
 
     def _run(self) -> None:
         try:
-            self._serve()
+            try:
+                self._serve()
+            finally:
+                self.job.close()
         except EndOfInput:
             self._report(LinkStatus.CLOSED, "end of input")
             self.ended = True
         except BaseException as error:  # whatever it is, the rig must come to rest and exit
-            log.exception("%s: unexpected failure", self.job.name)
+            log_failure(log, self.job.name, error)
             self.failed = error
             self.on_failure()
-        finally:
-            self.job.close()
 
     def _serve(self) -> None:
         retry_s = FIRST_RETRY_S
@@ -115,3 +116,11 @@ class Worker:
 
     def _report(self, status: LinkStatus, reason: str) -> None:
         self.links.put(LinkReport(self.job.name, status, self.clock.now_s(), reason))
+
+
+def log_failure(logger: logging.Logger, name: str, error: BaseException) -> None:
+    """Log what ended a thread: a sentence where it is one for the user, with its traceback where it is a bug."""
+    if isinstance(error, CamrigError):
+        logger.error("%s: %s", name, error)
+    else:
+        logger.error("%s: unexpected failure", name, exc_info=error)
