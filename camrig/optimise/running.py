@@ -15,7 +15,7 @@ from camrig.rig import Rig
 _LOST_SHARE = 0.4
 """The weight of all lost targets together, beside the lightest tracked one: no tracked target is given up for them."""
 
-_SPACING_M = 0.9
+_SPACING_M = 0.55
 _REACH_SIGMAS = 2.0
 _LOOKS = 2
 """How many plans a place is looked at before the search moves on."""
