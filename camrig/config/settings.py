@@ -8,13 +8,15 @@ from camrig.config.rig_file import RigConfig
 from camrig.optimise import PlannerSettings
 from camrig.pipeline import MissionSettings, Settings
 
-MIN_TAG_PX = 20.0
-"""A running rig counts a tag as seen from this projected side on: at decimate 1 all of 20 px are found."""
+MIN_TAG_PX = 16.0
+MIN_TAG_PX_PER_DECIMATE = 8.0
+"""A running rig counts a tag as seen from this narrow side on: all tags of 16 px are found at decimate 1, of 24 at 2."""
 
 
 def settings_of(config: RigConfig, *, aim: bool = True) -> Settings:
     """Return the pipeline's settings; ``aim=False`` measures without ever commanding a motion."""
     planner = config.planner
+    decimate = float(getattr(config.detector.section, "decimate", 1.0))
     return Settings(
         planner=PlannerSettings(
             quality=planner.quality,
@@ -22,7 +24,7 @@ def settings_of(config: RigConfig, *, aim: bool = True) -> Settings:
             objective=planner.objective,
             margin_rad=math.radians(planner.margin_deg),
             min_separation_m=planner.min_separation_m,
-            min_tag_px=MIN_TAG_PX,
+            min_tag_px=MIN_TAG_PX + MIN_TAG_PX_PER_DECIMATE * (decimate - 1.0),
             gain=planner.gain,
         ),
         mission=MissionSettings(period_s=planner.period_s, deadline_s=planner.deadline_s, aim=aim),

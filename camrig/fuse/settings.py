@@ -83,7 +83,7 @@ class Settings:
     restart_after: int = 3
     """So many sightings in a row that agree with each other and not with the track: the target was moved."""
 
-    lost_after_s: float = 2.0
+    lost_after_s: float = 1.0
     """Unseen for longer a target is lost; one not confirmed by then is forgotten."""
 
     seen_within_s: float = 1.0

@@ -333,7 +333,7 @@ def test_a_target_picked_up_and_put_down_elsewhere_is_found_there_and_reported()
 
 def test_out_of_sight_it_is_lost_after_a_time_and_ever_less_certain_and_found_again() -> None:
     tracks, _ = fused([sighting(0.1 * k) for k in range(10)])
-    soon, late, later = (target(tracks, now_s) for now_s in (2.8, 3.0, 30.0))
+    soon, late, later = (target(tracks, now_s) for now_s in (1.8, 2.0, 30.0))
     assert [one.status for one in (soon, late, later)] == [TargetStatus.TRACKED, TargetStatus.LOST, TargetStatus.LOST]
     assert late.last_seen_s == 0.9
     assert late.seen_by == ()
