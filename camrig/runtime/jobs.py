@@ -103,8 +103,10 @@ class HeadJob:
                 self._enabled = False
                 self.head.stop()
         for aim in self.commands.take_all():
-            with suppress(NotEnabledError):  # stopped by another thread between the queue and the wire
+            try:
                 self.head.move_to(aim.pan_rad, aim.tilt_rad)
+            except NotEnabledError:  # stopped by another thread between the queue and the wire
+                self._enabled = False  # and to be enabled anew, should it have been resumed since
         for reading in self.head.read(HEAD_TIMEOUT_S):
             self.readings.put(reading)
 
@@ -139,6 +141,7 @@ class DroneJob:
     readings: Mailbox[DroneReading] = field(default_factory=lambda: Mailbox(READINGS_KEPT))
     commands: Mailbox[DroneAim] = field(default_factory=lambda: Mailbox(1))
     orders: Mailbox[Callable[[], None]] = field(default_factory=lambda: Mailbox(4))
+    _wanted: threading.Event = field(default_factory=threading.Event)
 
     def open(self) -> None:
         self.commands.clear()
@@ -162,6 +165,11 @@ class DroneJob:
         except HardwareError as error:
             self.refusals.put(Event(self.clock.now_s(), Level.WARNING, self.name, str(error)))
 
+    def _arm(self) -> None:
+        self.drone.arm()
+        if not self._wanted.is_set():  # stopped since it was ordered: the stop has the last word
+            self.drone.stop()
+
     def close(self) -> None:
         self.drone.close()
 
@@ -170,7 +178,8 @@ class DroneJob:
 
     def arm(self) -> None:
         """Operator's order: arm and climb; any thread."""
-        self.orders.put(self.drone.arm)
+        self._wanted.set()
+        self.orders.put(self._arm)
 
     def land(self) -> None:
         """Operator's order: land here; any thread."""
@@ -179,5 +188,7 @@ class DroneJob:
 
     def stop(self) -> None:
         """Hold where it is and take no hover point until ``arm``; any thread."""
+        self._wanted.clear()
+        self.orders.clear()
         self.commands.clear()
         self.drone.stop()
