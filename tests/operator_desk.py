@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +16,8 @@ from camrig.messages import Event, FlightState, Level, LinkReport, LinkStatus, T
 from camrig.pipeline import State, begin
 from camrig.rig import CameraSpec, DroneMount, DroneSpec, FixedMount, HeadSpec, Rig, Space
 from camrig.runtime.operator import Operator
+from camrig.runtime.operator_server import serving
+from camrig.runtime.operator_socket import claimed
 from camrig.runtime.operator_status import RecentEvents, View
 
 LENS = BrownLens((640, 480), (420.0, 420.0), (320.0, 240.0), (0.0, 0.0, 0.0, 0.0, 0.0))
@@ -97,3 +101,12 @@ class Desk:
 def refusal(stamp_s: float, text: str = "drone d1 is not armed: battery at 12 %") -> Event:
     """Return what a drone says that will not fly."""
     return Event(stamp_s, Level.WARNING, "d1", text)
+
+
+@contextmanager
+def serving_at(folder: Path, operator: Operator, name: str = "lab") -> Iterator[Path]:
+    """Serve an operator as ``camrig run`` does."""
+    failures: list[str] = []
+    with claimed(name, folder) as listener, serving(listener, operator, lambda: failures.append("failed")):
+        yield folder / f"{name}.sock"
+    assert not failures

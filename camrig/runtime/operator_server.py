@@ -124,6 +124,7 @@ class OperatorServer:
         self._selector.register(self._listener, selectors.EVENT_READ)
         self._selector.register(self._wake, selectors.EVENT_READ)
         self._thread.start()
+        log.info("operator: answering at %s", self._listener.getsockname())
 
     def close(self) -> None:
         """Finish the request in hand, end every connection and stop listening."""

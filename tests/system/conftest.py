@@ -16,3 +16,11 @@ def session_folder() -> Iterator[Path]:
         patch.setenv("XDG_RUNTIME_DIR", folder)
         patch.delenv("RUNTIME_DIRECTORY", raising=False)
         yield Path(folder)
+
+
+@pytest.fixture
+def socket_folder() -> Iterator[Path]:
+    """Return a runtime folder that is not there yet; pytest's own are too long for a socket and closed to others."""
+    with TemporaryDirectory(prefix="camrig-") as parent:
+        Path(parent).chmod(0o755)
+        yield Path(parent) / "camrig"

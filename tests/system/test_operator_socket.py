@@ -10,40 +10,21 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pytest
 
-from camrig.errors import HardwareError, InputError, PartialError
-from camrig.runtime.operator import Operator
-from camrig.runtime.operator_client import ask, find_socket
+from camrig.errors import HardwareError, InputError
+from camrig.runtime.operator_client import ask
 from camrig.runtime.operator_server import MAX_CLIENTS, Peer, serving
 from camrig.runtime.operator_socket import MAX_LINE_BYTES, claimed, runtime_folder, socket_path
-from tests.operator_desk import Desk, rig
+from tests.operator_desk import Desk, rig, serving_at
 
 STATUS = b'{"command": "status"}\n'
 PROMPT_S = 1.0
 """Far more than an answer takes, far less than any time-out."""
-
-
-@pytest.fixture
-def folder() -> Iterator[Path]:
-    """Return a runtime folder that is not there yet; pytest's own are too long for a socket and closed to others."""
-    with TemporaryDirectory(prefix="camrig-") as parent:
-        Path(parent).chmod(0o755)
-        yield Path(parent) / "camrig"
-
-
-@contextmanager
-def daemon(folder: Path, operator: Operator, name: str = "lab") -> Iterator[Path]:
-    """Serve an operator as ``camrig run`` does."""
-    failures: list[str] = []
-    with claimed(name, folder) as listener, serving(listener, operator, lambda: failures.append("failed")):
-        yield folder / f"{name}.sock"
-    assert not failures
 
 
 @contextmanager
@@ -71,68 +52,68 @@ def served(path: Path) -> bool:
 # --- whose socket it is ---------------------------------------------------------------------------------------
 
 
-def test_the_socket_is_for_its_user_and_group_and_is_gone_afterwards(folder: Path) -> None:
-    with daemon(folder, Desk().operator()) as path:
+def test_the_socket_is_for_its_user_and_group_and_is_gone_afterwards(socket_folder: Path) -> None:
+    with serving_at(socket_folder, Desk().operator()) as path:
         mode = path.stat().st_mode
         assert stat.S_ISSOCK(mode)
         assert stat.S_IMODE(mode) == 0o660
-        assert not folder.stat().st_mode & stat.S_IRWXO
+        assert not socket_folder.stat().st_mode & stat.S_IRWXO
         assert served(path)
     assert not path.exists()
-    with daemon(folder, Desk().operator()) as path:
+    with serving_at(socket_folder, Desk().operator()) as path:
         assert served(path)
 
 
-def test_a_second_daemon_is_refused_by_name_and_leaves_the_first_alone(folder: Path) -> None:
-    with daemon(folder, Desk().operator()) as path:
+def test_a_second_daemon_is_refused_by_name_and_leaves_the_first_alone(socket_folder: Path) -> None:
+    with serving_at(socket_folder, Desk().operator()) as path:
         says = rf"rig 'lab' is already run .* process {os.getpid()}: stop"
-        with pytest.raises(HardwareError, match=says), claimed("lab", folder):
+        with pytest.raises(HardwareError, match=says), claimed("lab", socket_folder):
             pytest.fail("two daemons have one rig")
         assert served(path)
-        with daemon(folder, Desk(rig=rig("other")).operator(), "other") as other:
+        with serving_at(socket_folder, Desk(rig=rig("other")).operator(), "other") as other:
             assert ask(other, {"command": "status"})["rig"] == "other"
 
 
-def test_what_a_killed_daemon_leaves_is_replaced(folder: Path) -> None:
+def test_what_a_killed_daemon_leaves_is_replaced(socket_folder: Path) -> None:
     script = (
         "import sys, pathlib, camrig.runtime.operator_socket as s\n"
         "with s.claimed('lab', pathlib.Path(sys.argv[1])) as listener: print(flush=True); sys.stdin.read()"
     )
-    command = [sys.executable, "-c", script, str(folder)]
+    command = [sys.executable, "-c", script, str(socket_folder)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
         assert holder.stdout is not None
         holder.stdout.readline()
         try:
-            with pytest.raises(HardwareError, match=f"process {holder.pid}"), claimed("lab", folder):
+            with pytest.raises(HardwareError, match=f"process {holder.pid}"), claimed("lab", socket_folder):
                 pytest.fail("the holder still lives")
         finally:
             holder.kill()
-    assert (folder / "lab.sock").is_socket()
+    assert (socket_folder / "lab.sock").is_socket()
     with pytest.raises(HardwareError, match="no daemon answers"):
-        ask(folder / "lab.sock", {"command": "hold"})
-    with daemon(folder, Desk().operator()) as path:
+        ask(socket_folder / "lab.sock", {"command": "hold"})
+    with serving_at(socket_folder, Desk().operator()) as path:
         assert served(path)
 
 
 @pytest.mark.parametrize("name", ["a/b", "", "..", ".hidden", "a\nb", "x" * 200])
-def test_a_name_that_no_socket_can_have_is_refused_before_anything_is_made(folder: Path, name: str) -> None:
-    with pytest.raises(InputError), claimed(name, folder):
+def test_a_name_that_no_socket_can_have_is_refused_before_anything_is_made(socket_folder: Path, name: str) -> None:
+    with pytest.raises(InputError), claimed(name, socket_folder):
         pytest.fail("claimed")
-    assert not folder.exists()
+    assert not socket_folder.exists()
 
 
-def test_a_folder_that_others_may_write_is_not_used(folder: Path) -> None:
-    folder.mkdir()
-    folder.chmod(0o777)
-    with pytest.raises(InputError, match="not a folder of this user alone"), claimed("lab", folder):
+def test_a_folder_that_others_may_write_is_not_used(socket_folder: Path) -> None:
+    socket_folder.mkdir()
+    socket_folder.chmod(0o777)
+    with pytest.raises(InputError, match="not a folder of this user alone"), claimed("lab", socket_folder):
         pytest.fail("claimed")
-    folder.rmdir()
-    elsewhere = folder.with_name("elsewhere")
+    socket_folder.rmdir()
+    elsewhere = socket_folder.with_name("elsewhere")
     elsewhere.mkdir()
-    folder.symlink_to(elsewhere)
-    with pytest.raises(InputError, match="not a folder of this user alone"), claimed("lab", folder):
+    socket_folder.symlink_to(elsewhere)
+    with pytest.raises(InputError, match="not a folder of this user alone"), claimed("lab", socket_folder):
         pytest.fail("claimed")
-    with pytest.raises(InputError, match="No such file"), claimed("lab", folder / "absent" / "deep"):
+    with pytest.raises(InputError, match="No such file"), claimed("lab", socket_folder / "absent" / "deep"):
         pytest.fail("claimed")
 
 
@@ -162,7 +143,9 @@ def test_root_the_daemons_user_and_its_group_may_command(peer: Peer, allowed: bo
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to be somebody else")
 @pytest.mark.parametrize(("groups", "allowed"), [([], False), ([os.getegid()], True)])
-def test_a_stranger_is_told_so_and_a_member_of_the_group_is_not(folder: Path, groups: list[int], allowed: bool) -> None:
+def test_a_stranger_is_told_so_and_a_member_of_the_group_is_not(
+    socket_folder: Path, groups: list[int], allowed: bool
+) -> None:
     script = """\
 import contextlib, os, socket, sys
 channel = socket.socket(socket.AF_UNIX)
@@ -175,8 +158,8 @@ with contextlib.suppress(BrokenPipeError):
 print(channel.makefile().readline())
 """
     desk = Desk()
-    with daemon(folder, desk.operator()) as path:
-        folder.chmod(0o755)
+    with serving_at(socket_folder, desk.operator()) as path:
+        socket_folder.chmod(0o755)
         path.chmod(0o666)  # what the mode lets in, the credentials must still keep out
         command = [sys.executable, "-c", script, str(path), *map(str, groups)]
         done = subprocess.run(command, stdout=subprocess.PIPE, timeout=20, check=True)
@@ -203,9 +186,9 @@ print(channel.makefile().readline())
     ],
     ids=["word", "nothing", "binary", "list", "huge number", "deep", "long line", "endless line"],
 )
-def test_garbage_gets_one_line_and_the_end(folder: Path, garbage: bytes) -> None:
+def test_garbage_gets_one_line_and_the_end(socket_folder: Path, garbage: bytes) -> None:
     desk = Desk()
-    with daemon(folder, desk.operator()) as path:
+    with serving_at(socket_folder, desk.operator()) as path:
         with connected(path) as channel:
             channel.sendall(garbage)
             with suppress(BrokenPipeError):
@@ -216,17 +199,17 @@ def test_garbage_gets_one_line_and_the_end(folder: Path, garbage: bytes) -> None
     assert desk.done == []
 
 
-def test_a_wrong_command_is_answered_and_the_connection_goes_on(folder: Path) -> None:
-    with daemon(folder, Desk().operator()) as path, connected(path) as channel:
+def test_a_wrong_command_is_answered_and_the_connection_goes_on(socket_folder: Path) -> None:
+    with serving_at(socket_folder, Desk().operator()) as path, connected(path) as channel:
         channel.sendall(b'{"command": "fly"}\n' + STATUS)
         channel.shutdown(socket.SHUT_WR)
         assert [answer["ok"] for answer in lines(channel)] == [False, True]
 
 
-def test_requests_in_pieces_and_in_heaps_are_answered_in_order(folder: Path) -> None:
+def test_requests_in_pieces_and_in_heaps_are_answered_in_order(socket_folder: Path) -> None:
     desk = Desk()
     orders = [{"command": "resume", "heads": [f"pt{1 + number % 2}"]} for number in range(300)]
-    with daemon(folder, desk.operator()) as path, connected(path) as channel:
+    with serving_at(socket_folder, desk.operator()) as path, connected(path) as channel:
         sent = b"".join(json.dumps(order).encode() + b"\n" for order in orders)
         for start in range(0, len(sent), 997):
             channel.sendall(sent[start : start + 997])
@@ -235,8 +218,8 @@ def test_requests_in_pieces_and_in_heaps_are_answered_in_order(folder: Path) -> 
     assert len(desk.done) == len(orders)
 
 
-def test_who_sends_much_and_reads_nothing_delays_nobody(folder: Path) -> None:
-    with daemon(folder, Desk().operator()) as path, connected(path) as greedy, connected(path) as slow:
+def test_who_sends_much_and_reads_nothing_delays_nobody(socket_folder: Path) -> None:
+    with serving_at(socket_folder, Desk().operator()) as path, connected(path) as greedy, connected(path) as slow:
         slow.sendall(b'{"command"')
         greedy.setblocking(False)
         with suppress(BlockingIOError):  # until every buffer on the way is full
@@ -246,8 +229,8 @@ def test_who_sends_much_and_reads_nothing_delays_nobody(folder: Path) -> None:
         assert ask(path, {"command": "hold"})["heads"] == ["pt1", "pt2"]
 
 
-def test_who_hoards_connections_keeps_nobody_out(folder: Path) -> None:
-    with daemon(folder, Desk().operator()) as path, ExitStack() as stack:
+def test_who_hoards_connections_keeps_nobody_out(socket_folder: Path) -> None:
+    with serving_at(socket_folder, Desk().operator()) as path, ExitStack() as stack:
         hoard = [stack.enter_context(connected(path)) for _ in range(MAX_CLIENTS)]
         hoard[0].sendall(STATUS)
         assert hoard[0].recv(4096)
@@ -257,7 +240,7 @@ def test_who_hoards_connections_keeps_nobody_out(folder: Path) -> None:
         assert hoard[0].recv(4096)
 
 
-def test_a_failure_in_the_handler_is_a_bug_that_ends_the_daemon(folder: Path) -> None:
+def test_a_failure_in_the_handler_is_a_bug_that_ends_the_daemon(socket_folder: Path) -> None:
     class Broken(Desk):
         def rescan(self) -> None:
             raise RuntimeError("a bug")
@@ -265,62 +248,10 @@ def test_a_failure_in_the_handler_is_a_bug_that_ends_the_daemon(folder: Path) ->
     asked = threading.Event()
 
     def run() -> None:
-        with claimed("lab", folder) as listener, serving(listener, Broken().operator(), asked.set):
+        with claimed("lab", socket_folder) as listener, serving(listener, Broken().operator(), asked.set):
             with pytest.raises(HardwareError, match="no daemon answers"):
-                ask(folder / "lab.sock", {"command": "scan"})
+                ask(socket_folder / "lab.sock", {"command": "scan"})
             assert asked.wait(5.0)
 
     with pytest.raises(RuntimeError, match="a bug"):
         run()
-
-
-# --- the client's end -----------------------------------------------------------------------------------------
-
-
-def test_the_only_daemon_need_not_be_named(folder: Path) -> None:
-    with pytest.raises(HardwareError, match=r"no camrig daemon is running .*start one with 'camrig run'"):
-        find_socket(None, [folder])
-    with daemon(folder, Desk().operator()) as path:
-        (folder / "stale.sock").touch()
-        assert find_socket(None, [folder]) == path
-        assert find_socket("lab", [folder]) == path
-        with pytest.raises(HardwareError, match=r"no daemon runs rig 'attic' .*; running: lab"):
-            find_socket("attic", [folder])
-        with daemon(folder, Desk().operator(), "second") as second:
-            assert find_socket("second", [folder]) == second
-            with pytest.raises(InputError, match=r"several rigs are running \(lab, second\): name one with --rig"):
-                find_socket(None, [folder])
-
-
-def test_an_answer_that_is_an_error_is_raised_as_what_it_was(folder: Path) -> None:
-    desk = Desk(failing={"pt1": "port went away"})
-    with daemon(folder, desk.operator()) as path:
-        with pytest.raises(PartialError, match="pt1: port went away"):
-            ask(path, {"command": "hold"})
-        with pytest.raises(InputError, match="its drones are d1"):
-            ask(path, {"command": "arm", "drone": "d2"})
-
-
-@pytest.mark.parametrize(
-    ("answer", "says"),
-    [(None, "did not answer within 0.2 s"), (b"", "no daemon answers"), (b"{}\n", "another language")],
-)
-def test_what_is_no_daemon_is_named(folder: Path, answer: bytes | None, says: str) -> None:
-    with claimed("lab", folder) as listener:
-        listener.listen()
-        accept: Callable[[], tuple[socket.socket, object]] = listener.accept
-
-        def pretend() -> None:
-            channel, _ = accept()
-            with channel:
-                channel.recv(4096)
-                if answer is None:
-                    channel.recv(1)  # until the client gives up
-                else:
-                    channel.sendall(answer)
-
-        thread = threading.Thread(target=pretend)
-        thread.start()
-        with pytest.raises(HardwareError, match=says):
-            ask(folder / "lab.sock", {"command": "status"}, timeout_s=0.2 if answer is None else 5.0)
-        thread.join()
