@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 import subprocess
@@ -9,11 +10,16 @@ import sys
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 
+from camrig.errors import HardwareError
 from camrig.messages import PlannerAnswer, PlannerRequest
 from camrig.optimise import PlannerSettings
 from camrig.rig import Rig
 
+log = logging.getLogger(__name__)
+
 _EXIT_TIMEOUT_S = 2.0
+_DEATHS_ALLOWED = 2
+"""Over one request. A process may be killed by the system; one that dies again and again has a bug."""
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
@@ -25,7 +31,8 @@ class PlannerLink:
     settings: PlannerSettings
     _process: subprocess.Popen[bytes] = field(init=False)
     _connection: Connection = field(init=False)
-    _busy: bool = False
+    _owed: PlannerRequest | None = None
+    _deaths: int = 0
 
     def __post_init__(self) -> None:
         self._start()
@@ -33,24 +40,30 @@ class PlannerLink:
     @property
     def idle(self) -> bool:
         """Whether a request would be taken at once."""
-        return not self._busy
+        return self._owed is None
 
     def submit(self, request: PlannerRequest) -> None:
-        """Hand over a request; only while ``idle``."""
-        self._busy = True
-        self._connection.send(request)
+        """Hand over a request; only while ``idle``. A planner that has died is started again."""
+        self._owed = request
+        try:
+            self._connection.send(request)
+        except OSError:
+            self._restart()
 
     def poll(self) -> PlannerAnswer | None:
-        """Return the answer if it has come; a planner that died is started again and its request dropped."""
+        """Return the answer if it has come. A planner that died is started again and given its request again, so that
+        every request is answered; raises HardwareError where one request kills it again and again.
+        """
+        if self._owed is None:
+            return None
         try:
-            if not self._busy or not self._connection.poll():
+            if not self._connection.poll():
                 return None
             answer: PlannerAnswer = self._connection.recv()
         except (EOFError, OSError):
-            self.close()
-            self._start()
+            self._restart()
             return None
-        self._busy = False
+        self._owed, self._deaths = None, 0
         return answer
 
     def close(self) -> None:
@@ -62,6 +75,16 @@ class PlannerLink:
             self._process.kill()
             self._process.wait()
 
+    def _restart(self) -> None:
+        self.close()
+        self._deaths += 1
+        died = f"the planner's process died (exit code {self._process.returncode})"
+        if self._deaths > _DEATHS_ALLOWED:
+            raise HardwareError(f"{died} {self._deaths} times over one request; what it said stands above in the log")
+        log.warning("%s and is started again", died)
+        self._start()
+        self._connection.send(self._owed)
+
     def _start(self) -> None:
         ours, theirs = socket.socketpair()
         with theirs:
@@ -72,5 +95,4 @@ class PlannerLink:
                 start_new_session=True,
             )
         self._connection = Connection(ours.detach())
-        self._busy = False
         self._connection.send((self.rig, self.settings))
