@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Annotated, TextIO
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from camrig.errors import InputError
+from camrig.errors import HardwareError, InputError
 from camrig.geometry.rotation import yaw_of
 from camrig.interfaces import Plugin, Published, Sink
 from camrig.messages import Target, TargetStatus
@@ -62,16 +63,18 @@ class JsonlSink:
 
     def close(self) -> None:
         stream, self._stream = self._stream, None
-        if stream is None:
-            return
-        stream.flush()
-        if stream is not sys.stdout:
-            stream.close()
+        if stream is not None and stream is not sys.stdout:
+            with suppress(OSError):  # every line was flushed: what is left could not be written before either
+                stream.close()
 
     def _line(self, answer: dict[str, object]) -> None:
-        if self._stream is not None:
+        if self._stream is None:
+            return
+        try:
             self._stream.write(json.dumps({"rig": self._rig_name, **answer}) + "\n")
             self._stream.flush()
+        except OSError as error:
+            raise HardwareError(f"output '{self.section.path}' cannot be written any more: {error.strerror}") from error
 
 
 def target_line(target: Target) -> dict[str, object]:

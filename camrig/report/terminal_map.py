@@ -18,7 +18,8 @@ from camrig.geometry.frustum import footprint
 from camrig.messages import CameraPose, LinkStatus, RigPlan, Target, TargetStatus
 from camrig.rig import Rig
 
-COLUMNS = 64
+COLUMNS, ROWS = 64, 32
+"""The map's largest size; a floor that is deeper than wide fills the rows."""
 ASPECT = 0.5
 """A terminal's character is about twice as high as it is wide."""
 SHADES = " .:-=+"
@@ -67,8 +68,10 @@ class _Canvas:
     def __init__(self, rig: Rig) -> None:
         self._low, self._high = np.array(rig.space.floor_m)
         width, depth = self._high - self._low
-        self._rows = max(8, round(COLUMNS * ASPECT * float(depth / width)))
-        self._seen = np.zeros((self._rows, COLUMNS), np.uint8)
+        rows_per_column = ASPECT * float(depth / width)
+        self._columns = max(2, min(COLUMNS, round(ROWS / rows_per_column)))
+        self._rows = max(8, min(ROWS, round(COLUMNS * rows_per_column)))
+        self._seen = np.zeros((self._rows, self._columns), np.uint8)
         self._marks: dict[tuple[int, int], tuple[str, str]] = {}
 
     def shade(self, polygon_m: Array) -> None:
@@ -85,9 +88,9 @@ class _Canvas:
 
     def text(self) -> Text:
         """Return the drawn map."""
-        text = Text()
+        text = Text(no_wrap=True, overflow="crop")
         for y in range(self._rows):
-            for x in range(COLUMNS):
+            for x in range(self._columns):
                 shade = SHADES[min(int(self._seen[y, x]), len(SHADES) - 1)]
                 text.append(*self._marks.get((y, x), (shade, "blue")))
             text.append("\n")
@@ -95,7 +98,7 @@ class _Canvas:
 
     def _cell(self, points_m: Array) -> Array:
         place = (np.asarray(points_m)[..., :2] - self._low) / (self._high - self._low)
-        return np.stack([place[..., 0] * COLUMNS - 0.5, (1.0 - place[..., 1]) * self._rows - 0.5], axis=-1)
+        return np.stack([place[..., 0] * self._columns - 0.5, (1.0 - place[..., 1]) * self._rows - 0.5], axis=-1)
 
 
 def _targets(snapshot: RigSnapshot) -> Table:
