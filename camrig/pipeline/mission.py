@@ -83,7 +83,9 @@ class Knowledge:
     movable: frozenset[str]
     """Cameras on an enabled head or a flying drone."""
     usable: frozenset[str]
-    """Cameras that deliver pictures and whose pose is known; fixed ones too."""
+    """Cameras a plan may count on: the movable ones and the fixed ones, while they deliver pictures. One on a held head
+    is not among them: a plan would turn it on paper and leave to it what it never sees.
+    """
     complete: bool
     """Every camera that is to take part is there."""
 
