@@ -39,6 +39,7 @@ _HEADS = {"west": (0.3, 3.7, -45.0), "east": (5.7, 3.7, -135.0), "south": (3.0, 
 _ANCHORS_M = ((1.2, 1.0), (4.8, 1.0), (4.8, 3.0), (1.2, 3.0))
 AWAY = HeadAim(math.radians(170.0), 0.0)
 """A start aim at the wall behind: no target in the picture."""
+LOOKING_IN = HeadAim(0.0, math.radians(-45.0))
 
 
 def room() -> Rig:

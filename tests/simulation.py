@@ -25,6 +25,7 @@ from camrig.geometry.rotation import rotation_exp
 from camrig.messages import (
     AxisReading,
     DroneReading,
+    HeadAim,
     HeadCommand,
     LinkReport,
     LinkStatus,
@@ -79,8 +80,7 @@ class Simulation:
     seed: int
     rig: Rig = field(default_factory=room)
     settings: Settings = SETTINGS
-    shuffle: bool = False
-    """Hand each tick its detections in an order drawn anew."""
+    start: HeadAim = AWAY
     ticks: list[Tick] = field(default_factory=list)
     hidden: set[str] = field(default_factory=set)
     shifts: dict[str, Array] = field(default_factory=dict)
@@ -88,12 +88,11 @@ class Simulation:
 
     def __post_init__(self) -> None:
         self.clock = ManualClock(START_S)
-        self.heads = {name: FakeHead(spec, clock=self.clock, start=AWAY) for name, spec in self.rig.heads.items()}
+        self.heads = {name: FakeHead(spec, clock=self.clock, start=self.start) for name, spec in self.rig.heads.items()}
         self.drones = {name: FakeDrone(spec, clock=self.clock) for name, spec in self.rig.drones.items()}
         self.state: State = begin(START_S)
         self._motions = robots.plan_motions(self.rig.targets, self.rig.space, robots.RobotLimits(), self.seed)
         self._rng = np.random.default_rng(self.seed)
-        self._order = np.random.default_rng(self.seed)
         self._zero_rad = {name: self._rng.normal(0.0, head.bias_sigma_rad, 2) for name, head in self.rig.heads.items()}
         self._drone_error = {
             name: _small_pose(self._rng, drone.position_sigma_m, drone.attitude_sigma_rad)
@@ -127,15 +126,6 @@ class Simulation:
         """Lose a camera's link; frames already on their way still arrive."""
         self._down.add(camera)
         self._box.links.append(LinkReport(camera, LinkStatus.LOST, self.now_s, "unplugged"))
-
-    def replug(self, camera: str) -> None:
-        """Bring a camera's link back."""
-        self._down.discard(camera)
-        self._box.links.append(LinkReport(camera, LinkStatus.UP, self.now_s))
-
-    def hold(self, head: str) -> None:
-        """Stop a head where it is; its position is still read."""
-        self.heads[head].stop()
 
     def truth(self) -> dict[str, Transform]:
         """Return the true ``T_world_body`` of every target now, hidden or not."""
@@ -206,9 +196,6 @@ class Simulation:
         self._at(START_S + number * TICK_S, self._tick)
         enabled = frozenset(name for name, head in self.heads.items() if head.enabled)
         inputs, self._box = self._box.inputs(enabled), _Box()
-        if self.shuffle:
-            order = self._order.permutation(len(inputs.detections))
-            inputs = replace(inputs, detections=tuple(inputs.detections[k] for k in order))
         scanning = self.state.mission.scanning
         self.state, outputs = step(self.state, inputs, self.rig, self.settings, self.now_s)
         self.ticks.append(Tick(self.now_s, inputs, outputs, scanning, self.truth()))
