@@ -23,6 +23,7 @@ from camrig_drivers.images import driver as images_driver
 from camrig_emulators.fakes import FakeCamera
 from camrig_emulators.frame_server import FrameGrid, FrameServer
 from camrig_emulators.rendered_camera import driver as rendered_driver
+from tests.v4l2_kernel import start_self_exposing
 
 SIZE_PX = (64, 48)
 SPEC = CameraSpec("cam", BrownLens(SIZE_PX, (60.0, 60.0), (31.5, 23.5)), FreeMount())
@@ -58,7 +59,16 @@ def start_rendered(folder: Path, fps: float, stack: ExitStack) -> Camera:
     return rendered_driver.make({"cam": (SPEC, section)})["cam"]
 
 
-CAMERAS: dict[str, StartCamera] = {"images": start_images, "fake": start_fake, "rendered": start_rendered}
+def start_v4l2(_folder: Path, fps: float, stack: ExitStack) -> Camera:
+    return start_self_exposing(SPEC, fps, stack)
+
+
+CAMERAS: dict[str, StartCamera] = {
+    "images": start_images,
+    "fake": start_fake,
+    "rendered": start_rendered,
+    "v4l2": start_v4l2,
+}
 
 
 @pytest.fixture(params=sorted(CAMERAS))

@@ -166,20 +166,6 @@ class TimeVal(ctypes.Structure):
     _fields_ = (("tv_sec", c_long), ("tv_usec", c_long))
 
 
-class TimeCode(ctypes.Structure):
-    """struct v4l2_timecode."""
-
-    _fields_ = (
-        ("type", c_uint32),
-        ("flags", c_uint32),
-        ("frames", c_uint8),
-        ("seconds", c_uint8),
-        ("minutes", c_uint8),
-        ("hours", c_uint8),
-        ("userbits", c_uint8 * 4),
-    )
-
-
 class _BufferMemory(ctypes.Union):
     _fields_ = (("offset", c_uint32), ("userptr", c_ulong))
 
@@ -194,7 +180,7 @@ class Buffer(ctypes.Structure):
         ("flags", c_uint32),
         ("field", c_uint32),
         ("timestamp", TimeVal),
-        ("timecode", TimeCode),
+        ("timecode", c_uint32 * 4),
         ("sequence", c_uint32),
         ("memory", c_uint32),
         ("m", _BufferMemory),

@@ -34,7 +34,7 @@ def _reason(path: str, error: OSError) -> str:
         return "was unplugged"
     if error.errno == errno.ENOSPC:
         return "finds no bandwidth left on its USB bus; use another port, format MJPG or a lower fps"
-    return f"failed: {error.strerror or error}"
+    return f"failed with {errno.errorcode.get(error.errno or 0, 'an unknown error')} ({error.strerror})"
 
 
 def _group(path: str) -> str:
