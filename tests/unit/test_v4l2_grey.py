@@ -57,13 +57,15 @@ def test_a_device_that_tells_no_line_length_pads_nothing(pixels: PixelFormat, li
     assert luma_layout(pixels, SIZE_PX, 0) == luma_layout(pixels, SIZE_PX, line_bytes)
 
 
-def test_viewing_copies_nothing_and_lets_the_buffer_be_unmapped() -> None:
+def test_viewing_copies_nothing_and_keeps_the_buffer_mapped() -> None:
     layout = luma_layout("YUYV", SIZE_PX, 0)
     assert layout is not None
     buffer = mmap.mmap(-1, layout.needed_bytes)
     view = layout.view(buffer)
     buffer[0] = 99
     assert int(view[0, 0]) & 0xFF == 99
+    with pytest.raises(BufferError):
+        buffer.close()
     del view
     buffer.close()
 

@@ -58,6 +58,12 @@ def test_wrong_sections_are_refused(wrong: dict[str, object]) -> None:
         V4l2Section.model_validate(wrong)
 
 
+def test_a_wrong_control_value_is_one_fault() -> None:
+    with pytest.raises(ValidationError) as caught:
+        V4l2Section.model_validate({"device": "/dev/video0", "controls": {"gain": 0.5}})
+    assert [fault["loc"] for fault in caught.value.errors()] == [("controls", "gain")]
+
+
 def test_two_cameras_on_one_device_are_a_fault_whatever_they_call_it(tmp_path: Path) -> None:
     node = tmp_path / "video0"
     node.touch()

@@ -215,6 +215,18 @@ class TestStreaming:
             frame_of(camera)
         assert camera.counters.missed == 0
 
+    @pytest.mark.parametrize("first", [7, 6])
+    def test_a_device_that_counts_anew_or_not_at_all_shows_no_gap(
+        self, kernel: FakeKernel, camera: V4l2Camera, first: int
+    ) -> None:
+        kernel.count_from(7)
+        kernel.expose(picture(0), NOW_S - 0.2)
+        frame_of(camera)
+        kernel.count_from(first)
+        kernel.expose(picture(1), NOW_S - 0.1)
+        assert frame_of(camera).sequence == first
+        assert camera.counters.missed == 0
+
     def test_a_device_that_makes_another_number_of_buffers_streams(self) -> None:
         kernel = FakeKernel(Habits(buffers=2))
         camera = camera_on(kernel)
@@ -303,7 +315,7 @@ class TestWaiting:
         waker = threading.Thread(target=wake_on)
         waker.start()
         try:
-            for _ in range(50):
+            for _ in range(500):
                 camera.open()
                 camera.close()
         finally:

@@ -39,8 +39,11 @@ class LumaLayout:
         return self.line_bytes * (self.size_px[1] - 1) + self.size_px[0] * self.kind.itemsize
 
     def view(self, buffer: mmap.mmap) -> Luma:
-        """View the luma in a buffer of at least ``needed_bytes``; copies nothing."""
-        return np.ndarray(self.size_px[::-1], self.kind, buffer, strides=(self.line_bytes, self.kind.itemsize))
+        """View the luma in a buffer of at least ``needed_bytes``; copies nothing. The buffer cannot be closed
+        while it is viewed: ``frombuffer`` sees to that, the constructor alone would read on where no memory is.
+        """
+        data = np.frombuffer(buffer, np.uint8)
+        return np.ndarray(self.size_px[::-1], self.kind, data, strides=(self.line_bytes, self.kind.itemsize))
 
 
 def luma_layout(pixels: PixelFormat, size_px: tuple[int, int], line_bytes: int) -> LumaLayout | None:

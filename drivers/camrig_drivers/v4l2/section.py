@@ -6,10 +6,18 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, StrictStr
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator
 
 from camrig.rig import CameraSpec
+from camrig_drivers.v4l2.controls import Value
 from camrig_drivers.v4l2.grey import PixelFormat
+
+
+def _control_value(value: object) -> Value:
+    """Only the device knows more; a plain validator gives one message where a union gives three."""
+    if not isinstance(value, (bool, int, str)):
+        raise ValueError("must be true, false, a whole number or the name of a menu's item")  # noqa: TRY004
+    return value
 
 
 class V4l2Section(BaseModel):
@@ -22,7 +30,7 @@ class V4l2Section(BaseModel):
     format: PixelFormat = "YUYV"
     fps: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
     """None leaves the device's own."""
-    controls: dict[str, StrictBool | StrictInt | StrictStr] = {}
+    controls: dict[str, Annotated[Value, PlainValidator(_control_value)]] = {}
     exposure_s: Annotated[float, Field(gt=0.0, le=10.0)] | None = None
     """The exposure time of a device that does not tell it; for the stamps only, it sets nothing."""
 
