@@ -211,6 +211,8 @@ class PlanTarget:
     tag_size_m: float | None = None
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     weight: float = 1.0
+    reach_m: float = 0.0
+    """How far it may be from there while the plan holds: it must be in the picture wherever it is."""
 
 
 @dataclass(frozen=True, slots=True)

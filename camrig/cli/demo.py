@@ -162,8 +162,8 @@ def _turn(daemon: Daemon, world: World, live: Live | None, title: str) -> None:
 
 def snapshot(daemon: Daemon, world: World) -> RigSnapshot:
     """Return what the live map shows now."""
-    stamp_s = daemon.clock.now_s()
     published = daemon.control.latest
+    stamp_s = published.stamp_s if published else daemon.clock.now_s()
     return RigSnapshot(
         rig=daemon.config.rig,
         targets=published.targets if published else (),

@@ -10,7 +10,11 @@ from camrig.pipeline import MissionSettings, Settings
 
 MIN_TAG_PX = 16.0
 MIN_TAG_PX_PER_DECIMATE = 8.0
-"""A running rig counts a tag as seen from this narrow side on: all tags of 16 px are found at decimate 1, of 24 at 2."""
+"""A running rig counts a tag as seen from this narrow side on: at decimate 1 all of 16 px are found, at 2 of 24."""
+
+
+REACH_PERIODS = 1.5
+"""Periods of planning within which a camera must be where a plan wants it."""
 
 
 def settings_of(config: RigConfig, *, aim: bool = True) -> Settings:
@@ -26,6 +30,7 @@ def settings_of(config: RigConfig, *, aim: bool = True) -> Settings:
             min_separation_m=planner.min_separation_m,
             min_tag_px=MIN_TAG_PX + MIN_TAG_PX_PER_DECIMATE * (decimate - 1.0),
             gain=planner.gain,
+            reach_s=REACH_PERIODS * planner.period_s,
         ),
         mission=MissionSettings(period_s=planner.period_s, deadline_s=planner.deadline_s, aim=aim),
     )

@@ -11,7 +11,7 @@ from camrig.errors import InputError
 from camrig.geometry.arrays import Transform
 from camrig.geometry.lens import Lens
 from camrig.geometry.pan_tilt import PanTilt
-from camrig.messages import Aim, DroneAim, PlanRequest, PlanTarget
+from camrig.messages import Aim, DroneAim, HeadAim, PlanRequest, PlanTarget
 from camrig.rig import Box, CameraSpec, DroneMount, FixedMount, HeadMount, Interval, Rig
 
 Quality = Literal["pixel"]
@@ -69,6 +69,8 @@ class SceneTarget:
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     facing_rad: float = 0.0
     weight: float = 1.0
+    reach_m: float = 0.0
+    """A tag counts as seen under ``image`` only if the picture also shows this much around it: it may move."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +89,9 @@ class PlannerSettings:
     min_tag_px: float = 0.0
     max_incidence_rad: float = math.pi / 2.0
     gain: float = 0.0
+    reach_s: float = math.inf
+    """How far a running rig plans: places that a head or drone would take longer to reach are not considered, since a
+    target promised to a camera that is still on its way is not seen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +113,7 @@ def scene_of(rig: Rig, request: PlanRequest, settings: PlannerSettings) -> Scene
     unknown = sorted(set(request.available) - set(rig.cameras))
     if unknown:
         raise InputError(f"the plan request names cameras the rig does not have: {', '.join(unknown)}")
-    places = {name: _place(rig, rig.cameras[name], request.aims) for name in request.available}
+    places = {name: _place(rig, rig.cameras[name], request.aims, settings.reach_s) for name in request.available}
     cameras = [SceneCamera(name, rig.cameras[name].lens, place) for name, place in places.items() if place is not None]
     targets = tuple(_scene_target(target) for target in request.targets)
     return Scene(tuple(cameras), targets, settings, rig.space.keep_out_m)
@@ -126,21 +131,41 @@ def with_yaws(scene: Scene, aims: Mapping[str, Aim]) -> Scene:
     return replace(scene, cameras=tuple(cameras))
 
 
-def _place(rig: Rig, camera: CameraSpec, aims: Mapping[str, Aim]) -> Place | None:
+def _place(rig: Rig, camera: CameraSpec, aims: Mapping[str, Aim], reach_s: float) -> Place | None:
+    aim = aims.get(camera.id)
     match camera.mount:
         case HeadMount(head=name, T_mount_camera=T_mount_camera):
             head = rig.heads[name]
-            return HeadPlace(head.kinematics, T_mount_camera, head.pan_limits_rad, head.tilt_limits_rad)
+            pan, tilt = head.pan_limits_rad, head.tilt_limits_rad
+            if isinstance(aim, HeadAim):
+                reach_rad = head.speed_rad_s * reach_s
+                pan, tilt = _near(pan, aim.pan_rad, reach_rad), _near(tilt, aim.tilt_rad, reach_rad)
+            return HeadPlace(head.kinematics, T_mount_camera, pan, tilt)
         case DroneMount(drone=name, T_body_camera=T_body_camera):
             drone = rig.drones[name]
-            aim = aims.get(camera.id)
-            yaw_rad = aim.yaw_rad if isinstance(aim, DroneAim) else 0.0
-            return DronePlace(T_body_camera, drone.box_m, drone.min_separation_m, yaw_rad)
+            if not isinstance(aim, DroneAim):
+                return DronePlace(T_body_camera, drone.box_m, drone.min_separation_m)
+            axes = zip(*drone.box_m, aim.position_m, strict=True)
+            low, high = zip(*(_near((a, b), at, drone.speed_m_s * reach_s) for a, b, at in axes), strict=True)
+            return DronePlace(T_body_camera, (low, high), drone.min_separation_m, aim.yaw_rad)
         case FixedMount(T_world_camera=T_world_camera):
             return FixedPlace(T_world_camera)
         case _:
             return None
 
 
+def _near(limits: Interval, at: float, reach: float) -> Interval:
+    """Return the part of an interval within reach of a place; where nothing is, the end that is nearest."""
+    low, high = limits
+    return min(max(low, at - reach), high), max(min(high, at + reach), low)
+
+
 def _scene_target(target: PlanTarget) -> SceneTarget:
-    return SceneTarget(target.id, target.position_m, target.tag_size_m, target.normal, weight=target.weight)
+    return SceneTarget(
+        target.id,
+        target.position_m,
+        target.tag_size_m,
+        target.normal,
+        weight=target.weight,
+        reach_m=target.reach_m,
+    )

@@ -30,6 +30,8 @@ class TargetArrays:
 
     points_m: Array
     corners_m: Array
+    room_m: Array
+    """The corners of the square that must be in the picture: the tag, and as far around it as it may move."""
     normals: Array
     weights: Array
     tagged: Flags
@@ -52,7 +54,8 @@ def problem_of(scene: Scene) -> Problem:
     image = scene.settings.visibility == "image"
     arrays = TargetArrays(
         points_m=points,
-        corners_m=np.array([_corners(target) for target in scene.targets]).reshape(-1, 4, 3),
+        corners_m=np.array([_corners(target, 0.0) for target in scene.targets]).reshape(-1, 4, 3),
+        room_m=np.array([_corners(target, target.reach_m) for target in scene.targets]).reshape(-1, 4, 3),
         normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
         weights=np.array([target.weight for target in scene.targets], dtype=float),
         tagged=np.array([image and target.tag_size_m is not None for target in scene.targets], dtype=bool),
@@ -77,11 +80,12 @@ def alpha_rad(camera: SceneCamera) -> float:
     return sensing.half_angle(camera.lens) if camera.alpha_rad is None else camera.alpha_rad
 
 
-def _corners(target: SceneTarget) -> Array:
+def _corners(target: SceneTarget, around_m: float) -> Array:
     position = np.array(target.position_m, dtype=float)
     if target.tag_size_m is None:
         return np.tile(position, (4, 1))
-    return sensing.tag_corners(position, np.array(target.normal, dtype=float), target.facing_rad, target.tag_size_m)
+    side_m = target.tag_size_m + 2.0 * around_m
+    return sensing.tag_corners(position, np.array(target.normal, dtype=float), target.facing_rad, side_m)
 
 
 def _in_camera(R: Array, origins: Array, points_m: Array) -> Array:
@@ -118,15 +122,15 @@ def _seen(problem: Problem, camera: SceneCamera, R: Array, origins: Array, point
 
 
 def _tag_seen(problem: Problem, camera: SceneCamera, R: Array, origins: Array, target: Indices) -> Flags:
-    """Tell which of N tags are seen: from their front, all corners on the image, large enough."""
+    """Tell which of N tags are seen: from their front, wholly on the image wherever they may move, large enough."""
     settings, targets = problem.settings, problem.targets
     to_camera = origins - targets.points_m[target]
     facing = (to_camera * targets.normals[target]).sum(axis=1) / np.linalg.norm(to_camera, axis=1)
-    corners = (targets.corners_m[target] - origins[:, None, :]) @ R
-    seen = (facing > np.cos(settings.max_incidence_rad)) & sensing.in_image(
-        camera.lens, corners, settings.margin_rad
-    ).all(axis=1)
+    room = (targets.room_m[target] - origins[:, None, :]) @ R
+    inside = sensing.in_image(camera.lens, room, settings.margin_rad).all(axis=1)
+    seen = (facing > np.cos(settings.max_incidence_rad)) & inside
     if settings.min_tag_px > 0.0:
         tags = np.flatnonzero(seen)
-        seen[tags] = sensing.tag_side_px(camera.lens, corners[tags]) >= settings.min_tag_px
+        corners = (targets.corners_m[target[tags]] - origins[tags, None, :]) @ R[tags]
+        seen[tags] = sensing.tag_side_px(camera.lens, corners) >= settings.min_tag_px
     return np.asarray(seen)

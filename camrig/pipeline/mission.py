@@ -40,6 +40,9 @@ STOP_TIMEOUT_S = 8.0
 ASSEMBLE_S = 3.0
 """How long a scan waits at its start for devices that may still come up."""
 SCAN_DEADLINE_S = 2.0
+PLAN_DELAY_S = 0.3
+"""From a request until the cameras have moved: solving, the command's way, the start of the motion."""
+REACH_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,8 +182,11 @@ def _near(wanted: Aim, aim: Aim | None) -> bool:
 
 def _plan_request(mission: Mission, rig: Rig, known: Knowledge, settings: MissionSettings, now_s: float) -> PlanRequest:
     # A plan arrives late and holds for a period: aim at where the targets will be in the middle of that time.
-    lead_s = 0.5 * settings.period_s
-    aims = {camera: mission.goal.get(camera, known.aims[camera]) for camera in known.usable & known.aims.keys()}
+    lead_s = PLAN_DELAY_S + 0.5 * settings.period_s
+    aims = {
+        camera: _planned_from(mission.goal.get(camera), known.aims[camera])
+        for camera in known.usable & known.aims.keys()
+    }
     return PlanRequest(
         request_id=mission.request_id + 1,
         stamp_s=now_s,
@@ -196,12 +202,22 @@ def _plan_request(mission: Mission, rig: Rig, known: Knowledge, settings: Missio
     )
 
 
+def _planned_from(goal: Aim | None, present: Aim) -> Aim:
+    """Return where a plan starts from: a head from its goal, which it reaches soon, a drone from where it is."""
+    return goal if isinstance(goal, HeadAim) else present
+
+
 def _plan_target(body: Body, target: Target, lead_s: float) -> PlanTarget:
     tag = body.tags[0]
     R = target.R_world_body
     centre = target.position_m + lead_s * target.velocity_m_s + R @ tag.T_body_tag[:3, 3]
     normal = R @ tag.T_body_tag[:3, 2]
-    return PlanTarget(body.id, _triple(centre), tag.size_m, _triple(normal), body.weight)
+    reach_m = lead_s * float(np.linalg.norm(target.velocity_m_s)) + REACH_SIGMAS * _sigma_m(target)
+    return PlanTarget(body.id, _triple(centre), tag.size_m, _triple(normal), body.weight, reach_m)
+
+
+def _sigma_m(target: Target) -> float:
+    return math.sqrt(float(np.linalg.eigvalsh(target.covariance_m2)[-1]))
 
 
 def _lost_target(rig: Rig, target: Target) -> LostTarget:
