@@ -15,14 +15,20 @@ from camrig.pipeline.state import State
 from camrig.rig import CameraSpec, DroneMount, HeadMount, Rig
 
 VALID_S = 0.3
+BEFORE_S = 0.15
+"""Regions hold for frames stamped from so long ago, which are still being fetched, to ``VALID_S`` ahead."""
+
 SIGMAS = 3.0
-TAG_MARGIN = 0.5
-"""A tag needs its white rim: half its side on every side."""
+RIM = 1.25
+"""A tag is found with the white rim around it, one of its eight cells wide."""
+
+MARGIN_PX = 8.0
+"""What a detector needs around that: its decimated pixels and tiles."""
 
 RESTING_RAD = math.radians(0.3)
 POSE_AGE_S = 1.0
 MOTION_M = 0.03
-"""What a target may do within ``VALID_S`` beside going on as it did."""
+"""What a target may do in the meantime beside going on as it did and what its covariance says."""
 
 
 def expected(state: State, targets: tuple[Target, ...], pose: RigPose, rig: Rig, now_s: float) -> tuple[Expected, ...]:
@@ -41,7 +47,8 @@ def expected(state: State, targets: tuple[Target, ...], pose: RigPose, rig: Rig,
         if not _still(camera, state, pose, seen_from.stamp_s):
             continue
         regions = tuple(_regions(camera.lens, seen_from, targets, rig))
-        found.append(Expected(camera.id, seen_from.stamp_s, now_s + VALID_S, regions))
+        from_s = max(seen_from.stamp_s, now_s - BEFORE_S)
+        found.append(Expected(camera.id, from_s, now_s + VALID_S, regions))
     return tuple(found)
 
 
@@ -67,38 +74,43 @@ def _apart_rad(a: HeadAim, b: HeadAim) -> float:
 
 def _regions(lens: Lens, seen_from: CameraPose, targets: tuple[Target, ...], rig: Rig) -> Iterator[Region]:
     """Yield the part of the picture that each tag may cover, whatever its heading, if it may be in it at all."""
-    T_camera_world = invert(seen_from.T_world_camera)
-    tags = [*_target_tags(targets, rig), *((anchor.T_world_tag, anchor.size_m, 0.0) for anchor in rig.anchors)]
+    tags = [*_target_tags(targets, rig), *(_around(each.T_world_tag, each.size_m, 0.0, _STAYS) for each in rig.anchors)]
     if not tags:
         return
-    squares = np.stack([apply(T_camera_world @ T, _half_m(size_m, reach_m) * _SQUARE) for T, size_m, reach_m in tags])
-    pixels = lens.project(squares)
-    sway_px = SIGMAS * math.sqrt(float(np.linalg.eigvalsh(seen_from.covariance[3:, 3:]).max())) * max(lens.focal_px)
+    pixels = lens.project(apply(invert(seen_from.T_world_camera), np.stack(tags)))
+    sway_rad = SIGMAS * math.sqrt(float(np.linalg.eigvalsh(seen_from.covariance[3:, 3:]).max()))
+    margin_px = sway_rad * max(lens.focal_px) + MARGIN_PX
     width, height = lens.size_px
     for points in pixels:
         known = points[np.isfinite(points).all(axis=1)]
         if not len(known):
             continue
-        (left, top), (right, bottom) = known.min(axis=0) - sway_px, known.max(axis=0) + sway_px
+        (left, top), (right, bottom) = known.min(axis=0) - margin_px, known.max(axis=0) + margin_px
         if left < width and top < height and right > 0.0 and bottom > 0.0:
             yield math.floor(left), math.floor(top), math.ceil(right) + 1, math.ceil(bottom) + 1
 
 
-def _target_tags(targets: tuple[Target, ...], rig: Rig) -> Iterator[tuple[Transform, float, float]]:
-    """Yield T_world_tag, size and how far it may be from there, of every tag on every target."""
+def _target_tags(targets: tuple[Target, ...], rig: Rig) -> Iterator[Array]:
+    """Yield world points around every place where a tag of a target may be while the regions hold."""
     for target in targets:
         body = rig.targets[target.id]
         T_world_body = transform(target.R_world_body, target.position_m)
-        reach_m = SIGMAS * math.sqrt(float(np.linalg.eigvalsh(target.covariance_m2).max()))
+        reach_m, way_m = SIGMAS * math.sqrt(float(np.linalg.eigvalsh(target.covariance_m2).max())), _STAYS
         if body.motion != "static":
-            reach_m += VALID_S * float(np.linalg.norm(target.velocity_m_s)) + MOTION_M
+            reach_m, way_m = reach_m + MOTION_M, np.multiply.outer([-BEFORE_S, VALID_S], target.velocity_m_s)
         for tag in body.tags:
-            yield T_world_body @ tag.T_body_tag, tag.size_m, reach_m
+            yield _around(T_world_body @ tag.T_body_tag, tag.size_m, reach_m, way_m)
 
 
-def _half_m(size_m: float, reach_m: float) -> float:
-    return size_m * (0.5 * math.sqrt(2.0) + TAG_MARGIN) + reach_m
+def _around(T_world_tag: Transform, size_m: float, reach_m: float, way_m: Array) -> Array:
+    """Return (18, 3) world points round a tag of any heading, up to ``reach_m`` off, at both ends (2, 3) of its way."""
+    disc = apply(T_world_tag, (RIM * size_m / math.sqrt(2.0) + reach_m) * _DISC)
+    return (disc + way_m[:, None]).reshape(-1, 3)
 
 
-_SQUARE: Array = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
-"""The corners and the middle: where part of it is behind the camera, the rest still counts."""
+_STAYS: Array = np.zeros((2, 3))
+_TURNS = math.pi / 4.0 * np.arange(8)
+_DISC: Array = np.vstack(
+    [np.column_stack([np.cos(_TURNS), np.sin(_TURNS), np.zeros(8)]) / math.cos(math.pi / 8.0), np.zeros((1, 3))]
+)
+"""An octagon about the unit circle, and its middle: where part of it is behind the camera, the rest still counts."""
