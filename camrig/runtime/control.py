@@ -44,16 +44,18 @@ class Control:
     links: Mailbox[LinkReport]
     clock: Clock
     state: State = field(init=False)
+    beat_s: float = field(init=False)
     latest: Published | None = None
     link_states: dict[str, LinkStatus] = field(default_factory=dict)
     orders: Mailbox[Callable[[State], State]] = field(default_factory=lambda: Mailbox(8))
 
     def __post_init__(self) -> None:
-        self.state = begin(self.clock.now_s())
+        self.beat_s = self.clock.now_s()
+        self.state = begin(self.beat_s)
 
     def tick(self) -> None:
         """Do one turn of the loop; never blocks."""
-        now_s = self.clock.now_s()
+        self.beat_s = now_s = self.clock.now_s()
         for order in self.orders.take_all():
             self.state = order(self.state)
         inputs = self._gather()

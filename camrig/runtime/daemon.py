@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 
 from camrig.clock import Clock, RealClock
 from camrig.config.rig_file import RigConfig
-from camrig.errors import CamrigError
+from camrig.errors import HardwareError
 from camrig.interfaces import Sink
 from camrig.messages import LinkReport
 from camrig.pipeline import Settings
@@ -22,7 +23,7 @@ from camrig.runtime.mailbox import Mailbox
 from camrig.runtime.notify import Notifier
 from camrig.runtime.operator_status import View
 from camrig.runtime.planner_link import PlannerLink
-from camrig.runtime.worker import Job, Worker
+from camrig.runtime.worker import Job, Worker, log_failure
 
 log = logging.getLogger(__name__)
 
@@ -47,10 +48,12 @@ class Daemon:
     notifier: Notifier = field(default_factory=Notifier)
     control: Control = field(init=False)
     devices: Devices = field(init=False)
+    _guardian: GuardianLink = field(init=False)
     _workers: list[Worker] = field(default_factory=list)
     _stopping: threading.Event = field(default_factory=threading.Event)
+    _asked_to_stop: bool = False
     _control_failure: BaseException | None = None
-    _cleanups: list[Callable[[], object]] = field(default_factory=list)
+    _open: ExitStack = field(default_factory=ExitStack)
 
     def start(self) -> None:
         """Start everything; heads with ``enable: auto`` may move from here on, nothing else."""
@@ -61,15 +64,15 @@ class Daemon:
             raise
 
     def _start(self) -> None:
-        guardian = GuardianLink()
-        self._cleanups.append(guardian.close)
-        self.devices = self._build(guardian)
+        self._guardian = GuardianLink()
+        self._open.callback(self._guardian.close)
+        self.devices = self._build(self._guardian)
         planner = PlannerLink(self.config.rig, self.settings.planner)
-        self._cleanups.append(planner.close)
+        self._open.callback(planner.close)
         sinks = [*make_sinks(self.config), *self.extra_sinks]
         for sink in sinks:
             sink.open(self.config.rig)
-            self._cleanups.append(sink.close)
+            self._open.callback(sink.close)
         links: Mailbox[LinkReport] = Mailbox(256)
         self.control = Control(self.config.rig, self.settings, self.devices, planner, sinks, links, self.clock)
         jobs: list[Job] = [*self.devices.heads.values(), *self.devices.drones.values(), *self.devices.cameras.values()]
@@ -78,17 +81,19 @@ class Daemon:
         for worker in self._workers:
             worker.start()
         control.start()
-        self._cleanups.append(lambda: control.join(JOIN_S))
+        self._open.callback(control.join, JOIN_S)
         self.notifier.ready()
 
     def supervise(self, until_s: float = float("inf")) -> None:
         """Block until a stop is requested, every camera's recording has ended, a worker failed, or ``until_s``.
 
-        Raises the CamrigError of a device that is not what was configured; any other failure is re-raised as it is.
+        Raises the CamrigError of a device that is not what was configured, and HardwareError once the guardian is
+        gone; any other failure is re-raised as it is.
         """
-        while not self._stopping.wait(SUPERVISE_S) and self.clock.now_s() < until_s:
-            now_s = self.clock.now_s()
-            if all(now_s - worker.beat_s < BEAT_LIMIT_S or worker.ended for worker in self._workers):
+        while not (self._stopping.wait(SUPERVISE_S) or self._asked_to_stop) and self.clock.now_s() < until_s:
+            if not self._guardian.alive():
+                raise HardwareError("the guardian process is gone: nothing would stop the heads if this daemon died")
+            if self._beating():
                 self.notifier.alive()
             self.notifier.status(self.status_line())
             cameras = [worker for worker in self._workers if worker.job.name in self.devices.cameras]
@@ -101,20 +106,19 @@ class Daemon:
 
     def request_stop(self) -> None:
         """Ask ``supervise`` to return; any thread, and signal handlers."""
-        self._stopping.set()
+        self._asked_to_stop = True  # a handler must take no lock: the thread that it interrupts may hold it
 
     def stop(self) -> None:
         """Bring the rig to rest: motion first, then threads, processes and outputs; twice is allowed."""
-        self.notifier.stopping()
         self.hold()
+        self.notifier.stopping()
         self._stopping.set()
         for worker in self._workers:
             worker.request_stop()
         stuck = [worker.job.name for worker in self._workers if not worker.join(JOIN_S)]
         if stuck:
             log.error("did not end within %.0f s: %s", JOIN_S, ", ".join(stuck))
-        while self._cleanups:
-            self._cleanups.pop()()
+        self._open.close()
 
     def hold(self) -> Mapping[str, str]:
         """Stop every head and hold every drone, until ``resume`` or ``arm``; return what failed. Any thread."""
@@ -125,8 +129,8 @@ class Daemon:
         for job in actuators:
             try:
                 job.stop()
-            except CamrigError as error:  # one head's trouble must not keep the next from its stop
-                log.warning("%s: stop failed: %s", job.name, error)
+            except Exception as error:  # whatever it is, one head's trouble must not keep the next from its stop
+                log_failure(log, f"{job.name}: stop failed", error)
                 failed[job.name] = str(error)
         return failed
 
@@ -162,7 +166,7 @@ class Daemon:
     @property
     def stop_requested(self) -> bool:
         """Whether somebody or something asked the daemon to end."""
-        return self._stopping.is_set()
+        return self._asked_to_stop or self._stopping.is_set()
 
     def status_line(self) -> str:
         """Return the state of the rig in one line."""
@@ -173,12 +177,17 @@ class Daemon:
         text = f"{phase}: {tracked} of {len(self.config.rig.targets)} targets"
         return f"{text}; lost: {', '.join(lost)}" if lost else text
 
+    def _beating(self) -> bool:
+        """Tell whether every thread that is still at work has done a turn lately."""
+        beats_s = [self.control.beat_s, *(worker.beat_s for worker in self._workers if not worker.ended)]
+        return self.clock.now_s() - min(beats_s) < BEAT_LIMIT_S
+
     def _run_control(self) -> None:
         try:
             while not self._stopping.wait(TICK_S):
                 self.control.tick()
         except BaseException as error:
-            log.exception("control: unexpected failure")
+            log_failure(log, "control", error)
             self._control_failure = error
             self._stopping.set()
 
