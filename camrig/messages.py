@@ -236,6 +236,8 @@ class PlanRequest:
     available: tuple[str, ...]
     deadline_s: float
     lost: tuple[LostTarget, ...] = ()
+    fixed: tuple[str, ...] = ()
+    """Cameras among the available ones that may not be moved now (their head is not enabled)."""
 
 
 @dataclass(frozen=True, slots=True)

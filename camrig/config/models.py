@@ -12,6 +12,7 @@ from pydantic import ConfigDict, Field, model_validator
 from camrig.config.document import StrictModel
 from camrig.config.units import BoxM, Degrees, FloorM, LimitsDeg, Name, Point, PoseModel, radians
 from camrig.errors import InputError
+from camrig.geometry.airspace import MIN_HEIGHT_M
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.lens import BrownLens, FisheyeLens
 from camrig.geometry.lens.pinhole import one_to_one_radius
@@ -35,7 +36,6 @@ from camrig.rig import (
 TagId = Annotated[int, Field(ge=0, le=100_000)]
 TagSize = Annotated[float, Field(gt=0.0, le=5.0)]
 Focal = Annotated[float, Field(gt=0.0, le=100_000.0)]
-MIN_HEIGHT_M = 1.0
 Pixels = Annotated[int, Field(ge=16, le=20_000)]
 
 

@@ -12,6 +12,8 @@ MIN_TAG_PX = 16.0
 MIN_TAG_PX_PER_DECIMATE = 8.0
 """A running rig counts a tag as seen from this narrow side on: at decimate 1 all of 16 px are found, at 2 of 24."""
 
+MAX_INCIDENCE_RAD = math.radians(75.0)
+"""A tag seen flatter than this off its normal does not count as seen."""
 
 REACH_PERIODS = 1.5
 """Periods of planning within which a camera must be where a plan wants it."""
@@ -29,6 +31,7 @@ def settings_of(config: RigConfig, *, aim: bool = True) -> Settings:
             margin_rad=math.radians(planner.margin_deg),
             min_separation_m=planner.min_separation_m,
             min_tag_px=MIN_TAG_PX + MIN_TAG_PX_PER_DECIMATE * (decimate - 1.0),
+            max_incidence_rad=MAX_INCIDENCE_RAD,
             gain=planner.gain,
             reach_s=REACH_PERIODS * planner.period_s,
         ),

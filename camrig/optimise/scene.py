@@ -113,7 +113,10 @@ def scene_of(rig: Rig, request: PlanRequest, settings: PlannerSettings) -> Scene
     unknown = sorted(set(request.available) - set(rig.cameras))
     if unknown:
         raise InputError(f"the plan request names cameras the rig does not have: {', '.join(unknown)}")
-    places = {name: _place(rig, rig.cameras[name], request.aims, settings.reach_s) for name in request.available}
+    places = {
+        name: _place(rig, rig.cameras[name], request.aims, 0.0 if name in request.fixed else settings.reach_s)
+        for name in request.available
+    }
     cameras = [SceneCamera(name, rig.cameras[name].lens, place) for name, place in places.items() if place is not None]
     targets = tuple(_scene_target(target) for target in request.targets)
     return Scene(tuple(cameras), targets, settings, rig.space.keep_out_m)

@@ -198,6 +198,7 @@ def _plan_request(mission: Mission, rig: Rig, known: Knowledge, settings: Missio
         aims=aims,
         available=tuple(sorted(known.usable)),
         deadline_s=settings.deadline_s,
+        fixed=tuple(sorted(known.usable - known.movable)),
         lost=tuple(_lost_target(rig, target) for target in known.targets if target.status is not TargetStatus.TRACKED),
     )
 

@@ -73,3 +73,10 @@ def test_more_room_costs_quality_but_is_not_free_to_ignore() -> None:
         assert isinstance(place, DroneAim)
         heights.append(place.position_m[2])
     assert heights[1] > heights[0] + 0.1
+
+
+def test_a_camera_that_may_not_move_counts_where_it_is() -> None:
+    aim = HeadAim(0.1, -0.8)
+    target = PlanTarget("t", (4.9, 2.2, 0.2), 0.2)
+    request = PlanRequest(1, 0.0, (target,), {"ch": aim}, ("ch",), 5.0, fixed=("ch",))
+    assert optimise.plan_for(_rig(), request, SETTINGS, lambda: 0.0).aims == {"ch": aim}
