@@ -10,10 +10,17 @@ import numpy as np
 from camrig.interfaces import TagDetector
 from camrig.messages import Frame, Region, TagDetection, TagDetections
 
-WHOLE_SHARE = 0.3
-"""Regions that together cover more of the picture than this save nothing over looking at all of it."""
+WHOLE_SHARE = 0.5
+"""Regions that together cover more of the picture than this save too little for what is missed elsewhere: detection
+costs about as much as the share searched (a tenth for 14 % of 1280 x 720, pyapriltags, decimate 1 and 2).
+"""
 
 MIN_SIDE_PX = 32
+GRID_PX = 8
+"""Regions begin and end on this grid: where a detector halves the picture and thresholds it in tiles of 4 x 4, it then
+does in a region exactly what it does in the whole picture. Corners differ by 0.0001 px, by up to 1 px off the grid
+(2 x 96 tags of 25 to 90 px, pyapriltags, decimate 1 and 2).
+"""
 
 
 def detect_tags(
@@ -67,19 +74,21 @@ def _detect_in(frame: Frame, detector: TagDetector, region: Region) -> tuple[Tag
 
 
 def _fitted(region: Region, width: int, height: int) -> Region | None:
-    """Return the part of a region inside the picture, made ``MIN_SIDE_PX`` wide and high; None where there is none."""
+    """Return the part of a region inside the picture, grown to the grid and the least side; None: outside."""
     left, top, right, bottom = max(0, region[0]), max(0, region[1]), min(width, region[2]), min(height, region[3])
     if left >= right or top >= bottom:
         return None
-    left, right = _stretched(left, right, width)
-    top, bottom = _stretched(top, bottom, height)
+    left, right = _on_grid(left, right, width)
+    top, bottom = _on_grid(top, bottom, height)
     return left, top, right, bottom
 
 
-def _stretched(low: int, high: int, size: int) -> tuple[int, int]:
-    missing = max(0, min(MIN_SIDE_PX, size) - (high - low))
-    low = max(0, min(low - missing // 2, size - (high - low) - missing))
-    return low, max(high, low + min(MIN_SIDE_PX, size))
+def _on_grid(low: int, high: int, size: int) -> tuple[int, int]:
+    """Return an interval around the given one, at least ``MIN_SIDE_PX`` long, from grid line to grid line."""
+    missing = max(0, MIN_SIDE_PX - (high - low))
+    low = max(0, min(low - missing // 2, size - MIN_SIDE_PX))
+    high = max(high, low + MIN_SIDE_PX)
+    return low // GRID_PX * GRID_PX, min(size, -(-high // GRID_PX) * GRID_PX)
 
 
 def _overlap(a: Region, b: Region) -> bool:
