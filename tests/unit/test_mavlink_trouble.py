@@ -12,6 +12,7 @@ from camrig_drivers.mavlink.fitness import inside, unfit
 from camrig_drivers.mavlink.flavours import ARDUCOPTER, PX4, Flavour
 from camrig_drivers.mavlink.packets import (
     Command,
+    CommandAck,
     StatusText,
 )
 from camrig_drivers.mavlink.phase import Phase
@@ -92,6 +93,29 @@ def test_refused_arming_gives_the_reason_and_nothing_more(flavour: Flavour) -> N
     assert flight.reaches(Phase.PASSIVE, 3.0)
     assert flight.copter.position_m[2] == 0.0
     assert 22 not in flight.commands()
+
+
+@BOTH
+def test_refusal_of_another_ground_station_s_command_is_not_ours(flavour: Flavour) -> None:
+    flight = Flight(flavour)
+    flight.run(1.5)
+    flight.vehicle.arm(flight.now_s)
+    assert flight.reaches(Phase.ARMING)
+    flight.vehicle.hear(CommandAck(400, 4, (254, 190)), flight.now_s)
+    assert flight.reaches(Phase.FLYING)
+
+
+def test_px4_that_does_not_take_hold_is_held_by_set_points() -> None:
+    flight = Flight(PX4)
+    flight.take_off()
+    flight.vehicle.release(flight.now_s)
+    flight.copter.enter(PX4.ours)
+    for _ in range(600):
+        flight.copter.queue.clear()
+        flight.run(STEP_S)
+        flight.copter.mode = PX4.ours
+    assert flight.vehicle.phase is Phase.HOLDING
+    assert flight.set_points(flight.now_s - 0.1)
 
 
 def test_mode_that_is_accepted_but_not_taken_ends_the_attempt() -> None:

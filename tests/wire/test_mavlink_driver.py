@@ -188,7 +188,7 @@ def test_second_vehicle_of_one_system_is_refused() -> None:
     with sending(port) as peer, sending(port) as rival, found(drone, peer):
         for speaker in (peer, rival, peer):
             speaker.say(heartbeat())
-        with pytest.raises(HardwareError, match="two autopilots speak as system 1"):
+        with pytest.raises(LinkLost, match="two autopilots speak as system 1"):
             served(drone)
 
 
@@ -198,7 +198,7 @@ def test_second_autopilot_behind_one_address_is_refused(change: dict[str, int]) 
         second = Peer(peer.socket, component=change.get("component", 1))
         second.driver_address = peer.driver_address
         second.say(heartbeat(change.get("autopilot", ARDUPILOT)))
-        with pytest.raises(HardwareError, match="two autopilots"):
+        with pytest.raises(LinkLost, match="two autopilots"):
             served(drone)
         with pytest.raises(HardwareError, match="two autopilots"):
             drone.arm()

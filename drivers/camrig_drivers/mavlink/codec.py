@@ -12,6 +12,8 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from camrig_drivers.mavlink.packets import (
+    OWN_COMPONENT,
+    OWN_SYSTEM,
     Attitude,
     Command,
     CommandAck,
@@ -25,9 +27,6 @@ from camrig_drivers.mavlink.packets import (
     StatusText,
     SystemStatus,
 )
-
-OWN_SYSTEM, OWN_COMPONENT = 255, 190
-"""ArduPilot counts heartbeats of system 255 only (MAV_GCS_SYSID)."""
 
 POSITION_AND_YAW = 0x9F8
 """type_mask: ignore velocity, acceleration and yaw rate."""

@@ -12,6 +12,7 @@ our order it breaks the landing off, and where somebody else flies it (a pilot, 
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -30,6 +31,8 @@ from camrig_drivers.mavlink.phase import Phase
 from camrig_drivers.mavlink.section import MavlinkSection
 from camrig_drivers.mavlink.telemetry import LINK_SILENCE_S, Telemetry
 from camrig_drivers.mavlink.vehicle import Vehicle
+
+_log = logging.getLogger(__name__)
 
 _OPEN_TIMEOUT_S = 5.0
 _RELEASE_TIMEOUT_S = 1.5
@@ -76,7 +79,7 @@ class MavlinkDrone:
         if vehicle.seen.silent(self._clock.now_s()):
             raise LinkLost(f"drone {self._spec.id}: no heartbeat for {LINK_SILENCE_S:g} s on {self._link.url}")
         if self._intruder and vehicle.phase is Phase.PASSIVE:
-            raise HardwareError(self._intruder)
+            raise LinkLost(self._intruder)
         readings = []
         with contextlib.suppress(IndexError):
             while True:
@@ -137,10 +140,14 @@ class MavlinkDrone:
             self._vehicle.hear(packet, now_s)
 
     def intrude(self, what: str) -> None:
+        """Refuse to go on, unless it flies: then its set-points go on to the address that it has always had."""
+        first = not self._intruder
         self._intruder = (
             f"drone {self._spec.id}: two autopilots speak as system {self.key[0]} on {self._link.url} ({what}): "
             "give each its own system id"
         )
+        if first:
+            _log.warning("%s", self._intruder)
 
     def speak(self, now_s: float) -> Iterable[Said]:
         vehicle = self._vehicle

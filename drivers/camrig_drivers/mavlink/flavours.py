@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from camrig_drivers.mavlink.packets import Command, set_mode
+
 
 @dataclass(frozen=True, slots=True)
 class Flavour:
@@ -26,11 +28,11 @@ class Flavour:
     set_point_loss_s: float
     set_points_must_flow: bool
 
-    def mode_params(self, custom_mode: int) -> tuple[float, float]:
-        """Spell a mode as parameters 2 and 3 of DO_SET_MODE."""
+    def set_mode(self, custom_mode: int) -> Command:
+        """Ask for a mode: ArduPilot's are plain numbers, PX4's a main and a sub mode in the upper half."""
         if custom_mode < 1 << 16:
-            return float(custom_mode), 0.0
-        return float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24)
+            return set_mode(float(custom_mode), 0.0)
+        return set_mode(float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24))
 
 
 ARDUCOPTER = Flavour(

@@ -8,6 +8,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+OWN_SYSTEM, OWN_COMPONENT = 255, 190
+"""ArduPilot counts heartbeats of system 255 only (MAV_GCS_SYSID)."""
+
 # --- heard ----------------------------------------------------------------------------------------------
 
 
@@ -78,6 +81,11 @@ class CommandAck:
     result: int
     target: tuple[int, int]
 
+    @property
+    def is_for_us(self) -> bool:
+        """Whether it answers our command, as far as it says so; other ground stations command too."""
+        return self.target in {(OWN_SYSTEM, OWN_COMPONENT), (0, 0)}
+
 
 @dataclass(frozen=True, slots=True)
 class StatusText:
@@ -125,9 +133,9 @@ class PositionTarget:
 Said = OwnHeartbeat | Command | PositionTarget
 
 
-def set_mode(params: tuple[float, float]) -> Command:
-    """DO_SET_MODE to a custom mode; ``params`` as the flavour spells it."""
-    return Command(DO_SET_MODE, (1.0, *params, 0.0, 0.0, 0.0, 0.0))
+def set_mode(main: float, sub: float) -> Command:
+    """DO_SET_MODE to a custom mode, as the flavour spells it."""
+    return Command(DO_SET_MODE, (1.0, main, sub, 0.0, 0.0, 0.0, 0.0))
 
 
 def arm() -> Command:

@@ -105,12 +105,12 @@ class Vehicle:
 
     def arm(self, now_s: float) -> None:
         """Take the vehicle over: from the ground arm and climb, in the air hold here and follow ``go_to``."""
+        self.reason = ""
         if self.phase is Phase.HOLDING and self.seen.airborne:
             self._fly(now_s)
         elif self.phase not in TAKING_OVER:
-            self.reason = ""
             self._hold_here(now_s)
-            self._go(Phase.ENTERING, now_s, self._mode_command(self.flavour.ours), 0.5, self.flavour.lead_s)
+            self._go(Phase.ENTERING, now_s, self.flavour.set_mode(self.flavour.ours), 0.5, self.flavour.lead_s)
 
     def go_to(self, goal_m: Vector, yaw_rad: float) -> None:
         """Move the set-point towards a point of the box; nothing unless FLYING (a stop has come between)."""
@@ -164,12 +164,13 @@ class Vehicle:
 
     def _give_up(self, reason: str, now_s: float) -> None:
         """End an order that failed: hold where the mode is ours, else command nothing."""
-        if self.phase not in IN_OUR_MODE:
+        if self.seen.mode != self.flavour.ours:
             self._let_go(reason, now_s)
             return
         self.reason = reason
         _log.warning("drone %s: holds: %s", self.spec.id, reason)
-        self.stop(now_s)
+        self._hold_here(now_s)
+        self._go(Phase.HOLDING, now_s)
 
     def _judge(self, now_s: float) -> None:
         """Let go where a heartbeat shows that somebody else (failsafe, pilot) has taken the vehicle over."""
@@ -181,7 +182,7 @@ class Vehicle:
             self._let_go("it has been disarmed", now_s)
 
     def _heed(self, ack: CommandAck, now_s: float) -> None:
-        if ack.command != REFUSABLE.get(self.phase):
+        if ack.command != REFUSABLE.get(self.phase) or not ack.is_for_us:
             return
         if ack.result in {_ACCEPTED, _IN_PROGRESS}:
             if self.phase is Phase.CLIMBING:
@@ -250,7 +251,7 @@ class Vehicle:
 
     def _brake(self, now_s: float) -> None:
         self._hold_here(now_s)
-        self._go(Phase.BRAKING, now_s, self._mode_command(self.flavour.brake), 0.5)
+        self._go(Phase.BRAKING, now_s, self.flavour.set_mode(self.flavour.brake), 0.5)
 
     def _wait_for_brake(self, now_s: float, elapsed_s: float) -> None:
         if self.seen.mode != self.flavour.brake:
@@ -296,6 +297,3 @@ class Vehicle:
 
     def _ran_away(self) -> bool:
         return self.seen.position_m is not None and self._set_points.run_away(self.seen.position_m)
-
-    def _mode_command(self, mode: int) -> Command:
-        return packets.set_mode(self.flavour.mode_params(mode))
