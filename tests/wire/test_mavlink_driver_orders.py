@@ -100,8 +100,9 @@ def test_go_to_is_checked_before_anything_else() -> None:
     for place in [(-0.1, 1.0, 1.5), (1.0, 1.0, 0.9), (1.0, 1.0, float("nan"))]:
         with pytest.raises(InputError, match=r"outside its box \[0, 0, 1\] to \[5, 3, 2.5\] m"):
             drone.go_to(place, 0.0)
-    with pytest.raises(NotEnabledError, match="arm it first"):
-        drone.go_to((1.0, 1.0, 1.5), 0.0)
+    for place in [(1.0, 1.0, 1.5), (5.0 + 1e-12, 3.0, 2.5)]:
+        with pytest.raises(NotEnabledError, match="arm it first"):
+            drone.go_to(place, 0.0)
 
 
 def test_closing_twice_and_stopping_when_closed_are_allowed() -> None:

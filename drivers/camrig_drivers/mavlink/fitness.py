@@ -9,13 +9,16 @@ from camrig_drivers.mavlink.telemetry import Telemetry
 
 BOX_MARGIN_M = 0.5
 """How far outside its box a drone may start: it then moves inside."""
+_ROUNDING_M = 1e-9
 _LOWEST_GROUND_M = -1.5
 """PX4 has read 489 m on the ground after a change of estimator; every set-point in the room is a climb then."""
 
 
 def inside(position_m: Vector, box_m: Box) -> bool:
-    """Whether a point lies in the box; its faces belong to it. False for NaN."""
-    return all(low <= value <= high for value, low, high in zip(position_m, *box_m, strict=True))
+    """Whether a point lies in the box or, but for rounding, on its faces. False for NaN."""
+    return all(
+        low - _ROUNDING_M <= value <= high + _ROUNDING_M for value, low, high in zip(position_m, *box_m, strict=True)
+    )
 
 
 def clamped(position_m: Vector, box_m: Box) -> Vector:
