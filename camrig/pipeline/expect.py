@@ -12,7 +12,7 @@ from camrig.geometry.lens import Lens
 from camrig.geometry.pose import apply, invert, transform
 from camrig.messages import CameraPose, Expected, HeadAim, Region, RigPose, Target, TargetStatus
 from camrig.pipeline.state import State
-from camrig.rig import CameraSpec, DroneMount, HeadMount, Rig
+from camrig.rig import CameraSpec, FixedMount, HeadMount, Rig
 
 VALID_S = 0.3
 BEFORE_S = 0.15
@@ -55,6 +55,8 @@ def expected(state: State, targets: tuple[Target, ...], pose: RigPose, rig: Rig,
 def _still(camera: CameraSpec, state: State, pose: RigPose, since_s: float) -> bool:
     """Tell whether the camera has been where it was told to be since a stamp: a head that has arrived, or none."""
     match camera.mount:
+        case FixedMount():
+            return True
         case HeadMount(head=name):
             told, at = state.steer.head_aims.get(name), pose.heads.get(name)
             then = state.histories.heads[name].at(since_s) if name in state.histories.heads else None
@@ -63,9 +65,8 @@ def _still(camera: CameraSpec, state: State, pose: RigPose, since_s: float) -> b
             was = HeadAim(*(float(angle) for angle in then.angles_rad))
             wanted = told[0] if told else was
             return max(_apart_rad(wanted, at), _apart_rad(wanted, was)) < RESTING_RAD
-        case DroneMount():
-            return False  # it hovers and sways: a pixel's worth of region is a tenth of a degree
-    return True
+    # A hand-carried camera never rests, and a drone hovers and sways: a tenth of a degree is a pixel or two.
+    return False
 
 
 def _apart_rad(a: HeadAim, b: HeadAim) -> float:
