@@ -26,7 +26,7 @@ def check(
     for table in (_cameras(rig_config), _carriers(rig_config), _bodies(rig_config)):
         if table.row_count:
             results.print(table)
-    results.print(f"[green]{config}: rig '{rig_config.rig.name}' is consistent.[/green]")
+    results.print(f"{config}: rig '{rig_config.rig.name}' is consistent.", style="green", soft_wrap=True, markup=False)
 
 
 def _mounted_on(mount: Mount) -> str:

@@ -19,6 +19,6 @@ def stop(
     """Write stop to every head of a rig and exit; moves nothing, needs no daemon (systemd runs it after one)."""
     unreached = stop_heads(load_rig(config))
     for name, reason in unreached.items():
-        people.print(f"{name}: {reason}", highlight=False)
+        people.print(f"{name}: {reason}", soft_wrap=True, markup=False, highlight=False)
     if unreached:
         raise PartialError(f"no stop could be written to {', '.join(sorted(unreached))}")
