@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -28,8 +29,11 @@ def _descriptors() -> set[str]:
 
 
 def _children() -> set[str]:
-    tasks = Path("/proc/self/task").glob("*/children")
-    return {f"child {pid}" for task in tasks for pid in task.read_text().split()}
+    found = set()
+    for task in Path("/proc/self/task").iterdir():
+        with suppress(OSError):  # the thread ended between listing and reading
+            found |= {f"child {pid}" for pid in (task / "children").read_text().split()}
+    return found
 
 
 def _resources() -> set[str]:
