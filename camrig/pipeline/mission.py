@@ -86,9 +86,7 @@ class Knowledge:
     movable: frozenset[str]
     """Cameras on an enabled head or a flying drone."""
     usable: frozenset[str]
-    """Cameras a plan may count on: the movable ones and the fixed ones, while they deliver pictures. One on a held head
-    is not among them: a plan would turn it on paper and leave to it what it never sees.
-    """
+    """Cameras that deliver pictures and whose pose is known; fixed ones too, and those on a head that may not move."""
     complete: bool
     """Every camera that is to take part is there."""
 
@@ -183,10 +181,8 @@ def _near(wanted: Aim, aim: Aim | None) -> bool:
 def _plan_request(mission: Mission, rig: Rig, known: Knowledge, settings: MissionSettings, now_s: float) -> PlanRequest:
     # A plan arrives late and holds for a period: aim at where the targets will be in the middle of that time.
     lead_s = PLAN_DELAY_S + 0.5 * settings.period_s
-    aims = {
-        camera: _planned_from(mission.goal.get(camera), known.aims[camera])
-        for camera in known.usable & known.aims.keys()
-    }
+    goals = {camera: mission.goal.get(camera) for camera in known.movable}
+    aims = {camera: _planned_from(goals.get(camera), known.aims[camera]) for camera in known.usable & known.aims.keys()}
     return PlanRequest(
         request_id=mission.request_id + 1,
         stamp_s=now_s,
@@ -204,7 +200,7 @@ def _plan_request(mission: Mission, rig: Rig, known: Knowledge, settings: Missio
 
 
 def _planned_from(goal: Aim | None, present: Aim) -> Aim:
-    """Return where a plan starts from: a head from its goal, which it reaches soon, a drone from where it is."""
+    """Return where a plan starts from: a head that moves from its goal, which it reaches soon; else where it is."""
     return goal if isinstance(goal, HeadAim) else present
 
 

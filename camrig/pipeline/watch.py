@@ -72,10 +72,9 @@ def knowledge(state: State, targets: tuple[Target, ...], inputs: Inputs, rig: Ri
         if not _up(state, camera.id) or isinstance(camera.mount, FreeMount):
             continue
         carrier = _carrier(camera)
-        if carrier is None:
+        if carrier is None or (camera.id in aims and _up(state, carrier)):
             usable.add(camera.id)
-        elif camera.id in aims and _up(state, carrier) and _may_move(state, inputs, carrier):
-            usable.add(camera.id)
+        if camera.id in usable and carrier is not None and _may_move(state, inputs, carrier):
             movable.add(camera.id)
     complete = all(_carrier(camera) is None or camera.id in movable for camera in rig.cameras.values())
     return Knowledge(targets, aims, pose, frozenset(movable), frozenset(usable), complete)
