@@ -192,7 +192,7 @@ def test_holding_stops_the_heads_and_leaves_the_rest_at_work(daemon: Daemon) -> 
 def test_it_ends_by_itself_when_every_recording_has_ended(daemon: Daemon) -> None:
     main = supervising(daemon)
     _end(daemon, "north")
-    main.join(0.6)
+    main.join(1.0)  # longer than the last detections are waited for
     assert main.is_alive()  # the other still delivers
     _end(daemon, "south")
     main.join(2.0)

@@ -106,19 +106,29 @@ def test_a_stop_disables_and_clears_what_waits(job: HeadJob, fake_head: FakeHead
     assert not fake_head.enabled
 
 
+def _nothing() -> None:
+    """Do nothing."""
+
+
+def _in_a_thread(doing: Callable[[], None]) -> None:
+    thread = threading.Thread(target=doing)
+    thread.start()
+    thread.join()
+
+
 @dataclass
 class Meanwhile:
-    """A head in whose ``enable`` another thread does something before it returns; ``wire`` is its port."""
+    """A head to which another thread does something just before or after it is enabled; ``wire`` is its port."""
 
     head: FakeHead
-    doing: Callable[[], None] = field(default=lambda: None)
+    before: Callable[[], None] = _nothing
+    after: Callable[[], None] = _nothing
     wire: int = -1
 
     def enable(self) -> None:
+        _in_a_thread(self.before)
         self.head.enable()
-        thread = threading.Thread(target=self.doing)
-        thread.start()
-        thread.join()
+        _in_a_thread(self.after)
 
     def open(self) -> None:
         self.head.open()
@@ -139,10 +149,13 @@ class Meanwhile:
         self.head.close()
 
 
-def test_a_stop_in_the_midst_of_enabling_has_the_last_word(fake_head: FakeHead, guardian: GuardianLink) -> None:
+@pytest.mark.parametrize("moment", ["before", "after"])
+def test_a_stop_in_the_midst_of_enabling_has_the_last_word(
+    fake_head: FakeHead, guardian: GuardianLink, moment: str
+) -> None:
     head = Meanwhile(fake_head)
     job = HeadJob("pt1", head, guardian, auto_enable=True)
-    head.doing = job.stop
+    setattr(head, moment, job.stop)
     job.open()
     job.turn()
     assert not job.enabled
@@ -163,10 +176,10 @@ def test_a_head_held_and_resumed_in_the_midst_of_enabling_moves_again(
         job.stop()
         job.resume()
 
-    head.doing = hold_and_resume
+    head.after = hold_and_resume
     job.open()
     job.turn()
-    head.doing = lambda: None
+    head.after = _nothing
     for _ in range(3):
         job.commands.put(ASIDE)
         job.turn()
@@ -361,12 +374,10 @@ class Arming:
 
     drone: FakeDrone
     error: HardwareError | None = None
-    doing: Callable[[], None] = field(default=lambda: None)
+    doing: Callable[[], None] = _nothing
 
     def arm(self) -> None:
-        thread = threading.Thread(target=self.doing)
-        thread.start()
-        thread.join()
+        _in_a_thread(self.doing)
         if self.error is not None:
             raise self.error
         self.drone.arm()
