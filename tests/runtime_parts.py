@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 
@@ -23,6 +24,17 @@ def until(condition: Callable[[], bool], timeout_s: float = 5.0) -> None:
     while not condition():
         assert time.monotonic() < deadline_s, f"waited for {timeout_s} s"
         time.sleep(0.002)
+
+
+def nothing(*_: object) -> None:
+    """Do nothing."""
+
+
+def in_a_thread(doing: Callable[[], None]) -> None:
+    """Have another thread do something, and wait until it is done."""
+    thread = threading.Thread(target=doing)
+    thread.start()
+    thread.join()
 
 
 def one_head_rig() -> Rig:

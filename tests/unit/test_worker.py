@@ -17,13 +17,9 @@ from camrig.messages import LinkReport, LinkStatus
 from camrig.runtime import worker as worker_module
 from camrig.runtime.mailbox import Mailbox
 from camrig.runtime.worker import FIRST_RETRY_S, Worker
-from tests.runtime_parts import until
+from tests.runtime_parts import nothing, until
 
 UP, LOST, CLOSED = LinkStatus.UP, LinkStatus.LOST, LinkStatus.CLOSED
-
-
-def nothing() -> None:
-    """Succeed."""
 
 
 def failing(error: BaseException) -> Callable[[], None]:

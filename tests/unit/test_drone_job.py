@@ -1,0 +1,177 @@
+"""What a drone's worker does: operator's orders, hover points while it flies, and a stop ahead of both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from camrig.clock import ManualClock
+from camrig.errors import HardwareError, LinkLost
+from camrig.messages import DroneAim, FlightState
+from camrig.runtime.jobs import DroneJob
+from camrig_emulators.fakes import FakeDrone
+from tests.runtime_parts import in_a_thread, nothing
+
+HOVER = DroneAim((2.0, 1.0, 1.5), 0.3)
+
+
+@pytest.fixture
+def flyer(fake_drone: FakeDrone, manual_clock: ManualClock) -> DroneJob:
+    found = DroneJob("d1", fake_drone, manual_clock)
+    found.open()
+    return found
+
+
+def flying(job: DroneJob, clock: ManualClock) -> DroneJob:
+    job.arm()
+    job.turn()
+    clock.advance(10.0)
+    job.turn()
+    assert job.readings.take_all()[-1].flight is FlightState.FLYING
+    return job
+
+
+def flight(job: DroneJob) -> FlightState:
+    job.turn()
+    return job.readings.take_all()[-1].flight
+
+
+def test_a_drone_stays_down_until_it_is_armed(
+    flyer: DroneJob, fake_drone: FakeDrone, manual_clock: ManualClock
+) -> None:
+    flyer.commands.put(HOVER)
+    assert flight(flyer) is FlightState.GROUND
+    manual_clock.advance(60.0)
+    assert flight(flyer) is FlightState.GROUND
+    assert fake_drone.commands == []  # dropped: it was not flying
+
+
+def test_orders_are_carried_out_and_hover_points_passed_on(
+    flyer: DroneJob, fake_drone: FakeDrone, manual_clock: ManualClock
+) -> None:
+    flying(flyer, manual_clock)
+    flyer.commands.put(DroneAim((1.0, 1.0, 1.5)))
+    flyer.commands.put(HOVER)
+    flyer.turn()
+    assert [aim for _, aim in fake_drone.commands] == [HOVER]
+    flyer.land()
+    assert flight(flyer) is FlightState.LANDING
+    manual_clock.advance(60.0)
+    assert flight(flyer) is FlightState.GROUND
+
+
+def test_landing_drops_the_hover_point_that_waits(
+    flyer: DroneJob, fake_drone: FakeDrone, manual_clock: ManualClock
+) -> None:
+    flying(flyer, manual_clock).commands.put(HOVER)
+    flyer.land()
+    flyer.turn()
+    flyer.commands.put(HOVER)  # control has not heard of it yet
+    assert flight(flyer) is FlightState.LANDING
+    assert fake_drone.commands == []
+
+
+def test_a_drone_that_was_stopped_takes_no_hover_point_until_it_is_armed_again(
+    flyer: DroneJob, fake_drone: FakeDrone, manual_clock: ManualClock
+) -> None:
+    flying(flyer, manual_clock).commands.put(HOVER)
+    flyer.stop()
+    flyer.turn()
+    flyer.commands.put(HOVER)
+    flyer.turn()
+    assert fake_drone.commands == []
+    flyer.arm()
+    flyer.turn()
+    flyer.commands.put(HOVER)
+    flyer.turn()
+    assert [aim for _, aim in fake_drone.commands] == [HOVER]
+
+
+def test_a_stop_goes_ahead_of_an_order_that_waits(flyer: DroneJob, manual_clock: ManualClock) -> None:
+    flyer.arm()
+    flyer.stop()
+    flyer.turn()
+    manual_clock.advance(10.0)
+    assert flight(flyer) is FlightState.GROUND
+    assert flying(flyer, manual_clock)  # an arm after the stop counts again
+
+
+@dataclass
+class Arming:
+    """A drone that refuses to be armed where ``error`` says why; another thread does ``doing`` in the midst of it."""
+
+    drone: FakeDrone
+    error: HardwareError | None = None
+    doing: Callable[[], None] = nothing
+
+    def arm(self) -> None:
+        in_a_thread(self.doing)
+        if self.error is not None:
+            raise self.error
+        self.drone.arm()
+
+    def open(self) -> None:
+        self.drone.open()
+
+    def go_to(self, position_m: tuple[float, float, float], yaw_rad: float) -> None:
+        self.drone.go_to(position_m, yaw_rad)
+
+    def land(self) -> None:
+        self.drone.land()
+
+    def read(self, timeout_s: float) -> tuple[()]:
+        return ()
+
+    def stop(self) -> None:
+        self.drone.stop()
+
+    def close(self) -> None:
+        self.drone.close()
+
+
+def test_a_stop_in_the_midst_of_arming_has_the_last_word(fake_drone: FakeDrone, manual_clock: ManualClock) -> None:
+    drone = Arming(fake_drone)
+    job = DroneJob("d1", drone, manual_clock)
+    drone.doing = job.stop
+    job.arm()
+    job.turn()
+    manual_clock.advance(10.0)
+    assert fake_drone.T_world_body()[2, 3] == 0.0
+    job.commands.put(HOVER)
+    job.turn()
+    assert fake_drone.commands == []
+
+
+def test_a_refusal_becomes_an_event(fake_drone: FakeDrone, manual_clock: ManualClock) -> None:
+    manual_clock.advance(3.0)
+    job = DroneJob("d1", Arming(fake_drone, HardwareError("battery at 12 %, 30 % are needed")), manual_clock)
+    job.arm()
+    job.turn()
+    (event,) = job.refusals.take_all()
+    assert (event.about, event.text, event.stamp_s) == ("d1", "battery at 12 %, 30 % are needed", 3.0)
+
+
+def test_a_link_lost_under_an_order_is_the_workers_to_reopen(fake_drone: FakeDrone, manual_clock: ManualClock) -> None:
+    job = DroneJob("d1", fake_drone, manual_clock)
+    job.arm()
+    fake_drone.faults.unplug()
+    with pytest.raises(LinkLost):
+        job.turn()
+    assert job.refusals.take_all() == ()
+
+
+def test_no_order_outlives_its_link(flyer: DroneJob, fake_drone: FakeDrone, manual_clock: ManualClock) -> None:
+    fake_drone.faults.unplug()
+    with pytest.raises(LinkLost):
+        flyer.turn()
+    flyer.close()
+    flyer.arm()
+    flyer.commands.put(HOVER)
+    fake_drone.faults.replug()
+    flyer.open()
+    flyer.turn()
+    manual_clock.advance(10.0)
+    assert flight(flyer) is FlightState.GROUND
+    assert fake_drone.commands == []
