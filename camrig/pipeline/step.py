@@ -26,8 +26,10 @@ def step(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     known = watch.knowledge(state, targets, inputs, rig, now_s)
     plan, request, events = mission.advance(state.mission, rig, known, inputs.answer, settings.mission, now_s)
     steered, commands = steer(state.steer, plan.goal, known.pose, known.movable, rig, settings.steer, now_s)
-    said = (*inputs.events, *link_events, *notes, *fuse_notes, *events, *watch.held_events(steered.held, now_s))
-    state, said = watch.without_repeats(replace(state, tracks=tracks, mission=plan, steer=steered), said)
+    # What lasts is told once in a while; what happens is told each time, or the last word on a link would be wrong.
+    lasting = (*notes, *fuse_notes, *watch.held_events(steered.held, now_s))
+    state, fresh = watch.without_repeats(replace(state, tracks=tracks, mission=plan, steer=steered), lasting)
+    said = (*inputs.events, *link_events, *fresh, *events)
     published = Published(now_s, targets, said, inputs.links, plan.plan, sightings, camera_poses)
     news = camera_poses or commands
     regions = expected(state, targets, known.pose, rig, now_s) if news else None
