@@ -80,8 +80,11 @@ def _one_camera_each(parts: Parts) -> Iterator[Finding]:
         first = carried.setdefault(carrier, camera.id)
         if first != camera.id:
             yield (*at, "mount"), f"'{carrier}' already carries camera '{first}'; it can carry one"
-    for at, name in _written_ids(parts, "heads", "drones"):
-        if name not in carried and len(parts.cameras) == len(parts.data.get("cameras") or []):
+    carriers = {name: at for at, name in _written_ids(parts, "heads", "drones")}
+    if len(parts.cameras) < len(parts.data.get("cameras") or []) or not carried.keys() <= carriers.keys():
+        return  # a camera that is not understood may be the missing one
+    for name, at in carriers.items():
+        if name not in carried:
             yield at, f"'{name}' carries no camera; mount one on it or remove it"
 
 

@@ -48,7 +48,10 @@ class Document:
 
     def _faults(self, model: type[BaseModel], error: ValidationError, at: KeyPath) -> list[Fault]:
         faults = {}
-        for detail in error.errors(include_url=False):
+        details = error.errors(include_url=False)
+        for detail in details:
+            if detail["type"] == "too_short" and any(_is_inside(other["loc"], detail["loc"]) for other in details):
+                continue  # its items are there, and faulty themselves
             path = at + self._in_file(at, detail["loc"])
             if detail["type"] == "extra_forbidden":
                 message = _unknown_key(str(detail["loc"][-1]), _keys_at(model, detail["loc"][:-1]))
@@ -150,6 +153,10 @@ def _child(node: Any, key: str | int) -> Any:
         return None
 
 
+def _is_inside(location: KeyPath, outer: KeyPath) -> bool:
+    return len(location) > len(outer) and location[: len(outer)] == outer
+
+
 def _keys_at(model: type[BaseModel], location: KeyPath) -> set[str]:
     """Return the keys allowed where ``location`` leads inside a model, through lists, mappings and unions."""
     kinds: list[Any] = [model]
@@ -161,8 +168,8 @@ def _keys_at(model: type[BaseModel], location: KeyPath) -> set[str]:
                     following += _parts(kind.model_fields[str(key)].annotation)
                 elif kind.__name__ == key:
                     following.append(kind)
-            elif typing.get_args(kind):
-                following += _parts(typing.get_args(kind)[-1])
+            elif items := [argument for argument in typing.get_args(kind) if argument is not Ellipsis]:
+                following += _parts(items[-1])
         kinds = following or kinds
     return {
         name for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel) for name in kind.model_fields

@@ -136,46 +136,49 @@ class _Reader:
             "heads": self._devices("heads", heads),
             "drones": self._devices("drones", drones),
         }
+        specs: dict[DeviceGroup, dict[KeyPath, Any]] = {
+            "cameras": {at: _camera_spec(c, lenses[c.lens]) for at, c in cameras.items() if c.lens in lenses},
+            "heads": {at: head.build() for at, head in heads.items()},
+            "drones": {at: drone.build() for at, drone in drones.items()},
+        }
         detector = self._plugin("detectors", ("detector",), {"driver": "pyapriltags"})
         outputs = self._outputs()
         families = tuple(getattr(detector.section, "families", ())) if detector else ()
         parts = cross_checks.Parts(data, cameras, targets, anchors, families or None)
         self.faults += cross_checks.check(self.document, parts)
+        self._check_together(specs, devices)
         if self.faults or space is None or planner is None or detector is None:
             raise ConfigError(sorted(set(self.faults)))
         rig = Rig(
             name=name,
             space=space.build(),
-            cameras={c.id: _camera_spec(c, lenses[c.lens]) for c in cameras.values()},
-            heads={head.id: head.build() for head in heads.values()},
-            drones={drone.id: drone.build() for drone in drones.values()},
+            cameras={spec.id: spec for spec in specs["cameras"].values()},
+            heads={spec.id: spec for spec in specs["heads"].values()},
+            drones={spec.id: spec for spec in specs["drones"].values()},
             targets={target.id: target.build() for target in targets.values()},
             anchors=tuple(anchor.build() for anchor in anchors.values()),
         )
         by_id: dict[DeviceGroup, Mapping[str, DeviceConfig]] = {
             group: {self._id_at(at): device for at, device in found.items()} for group, found in devices.items()
         }
-        config = RigConfig(self.document.file, rig, planner, by_id, detector, outputs, world)
-        self._check_together(config, devices)
-        return config
+        return RigConfig(self.document.file, rig, planner, by_id, detector, outputs, world)
 
-    def _check_together(self, config: RigConfig, places: Mapping[DeviceGroup, Mapping[KeyPath, DeviceConfig]]) -> None:
+    def _check_together(
+        self,
+        specs: Mapping[DeviceGroup, Mapping[KeyPath, Any]],
+        devices: Mapping[DeviceGroup, Mapping[KeyPath, DeviceConfig]],
+    ) -> None:
         """Ask every driver for the faults that only all its sections together show (two heads, one address)."""
-        specs: dict[DeviceGroup, Mapping[str, Any]] = {
-            "cameras": config.rig.cameras,
-            "heads": config.rig.heads,
-            "drones": config.rig.drones,
-        }
-        for group, found in places.items():
-            at_of = {self._id_at(at): at for at in found}
-            for driver, names in _by_driver(config.devices[group]):
+        for group, found in devices.items():
+            # A camera's section stands one level below its spec, under "source".
+            sound = {at: specs[group][at[:2]] for at in found if at[:2] in specs[group]}
+            at_of = {spec.id: at for at, spec in sound.items()}
+            for driver, names in _by_driver({name: found[at] for name, at in at_of.items()}):
                 if driver.check is None:
                     continue
-                sections = {name: (specs[group][name], config.devices[group][name].section) for name in names}
+                sections = {name: (sound[at_of[name]], found[at_of[name]].section) for name in names}
                 for name, key, message in driver.check(sections):
                     self._fault((*at_of[name], key), message)
-        if self.faults:
-            raise ConfigError(self.faults)
 
     def _top_level(self, data: Mapping[str, Any]) -> None:
         for key in data:

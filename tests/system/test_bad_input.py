@@ -140,3 +140,20 @@ def test_wrong_options_are_refused(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "Invalid value for '--seconds'" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_all_faults_of_a_file_come_at_once_and_no_false_ones_with_them(
+    write: Callable[..., Path], line: PelcoDLine
+) -> None:
+    unknown: Edit = ("anchors:", "anchers: []\nanchors:")
+    misspelt: Edit = ("size_m: 0.12", "size_mm: 120")
+    config = write(unknown, misspelt, ONE_ADDRESS, OTHER_SIZE, NO_MOUNT)
+    faults = refused("check", config, line)
+    assert [(at, key) for at, key, _ in faults] == [
+        (8, "cameras[south].mount"),
+        (9, "cameras[east].source.path"),
+        (12, "heads[pt2].address"),
+        (14, "targets[robot1].tags[7].size_m"),
+        (14, "targets[robot1].tags[7].size_mm"),
+        (15, "anchers"),
+    ]
