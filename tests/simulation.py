@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import count
@@ -19,6 +19,7 @@ import numpy as np
 
 from camrig import optimise
 from camrig.clock import ManualClock
+from camrig.config.settings import MAX_INCIDENCE_RAD, REACH_PERIODS
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pose import transform
 from camrig.geometry.rotation import rotation_exp
@@ -34,7 +35,6 @@ from camrig.messages import (
     PlanRequest,
     TagDetection,
     TagDetections,
-    TargetStatus,
 )
 from camrig.optimise import PlannerSettings
 from camrig.pipeline import Inputs, Outputs, Settings, State, begin, step
@@ -42,6 +42,7 @@ from camrig.rig import HeadMount, Rig, TagKey
 from camrig_emulators import carriers, robots
 from camrig_emulators.fakes import FakeDrone, FakeHead
 from tests.simulated_room import AWAY, LENS, MIN_SIDE_PX, room, tag_in_picture
+from tests.simulated_score import Tick
 
 START_S = 100.0
 TICK_S = 0.02
@@ -56,21 +57,18 @@ ANSWER_S = 0.1
 EXPOSURE_S = 0.005
 MOST_BLUR_PX = 3.0
 CORNER_SIGMA_PX = 0.1
-PLANNER_ASK_S = 0.001
+PLANNER_ASK_S = 0.01
+"""How much later the planner's clock is each time it is asked: some plans end at their deadline."""
 SETTINGS = Settings(
-    PlannerSettings(visibility="image", margin_rad=math.radians(2.0), min_tag_px=MIN_SIDE_PX, gain=0.02)
+    PlannerSettings(
+        visibility="image",
+        margin_rad=math.radians(2.0),
+        min_tag_px=MIN_SIDE_PX,
+        max_incidence_rad=MAX_INCIDENCE_RAD,
+        gain=0.02,
+        reach_s=REACH_PERIODS,
+    )
 )
-
-
-@dataclass(frozen=True)
-class Tick:
-    """One call of ``pipeline.step``: what went in, what came out, and where the targets truly were."""
-
-    now_s: float
-    inputs: Inputs
-    outputs: Outputs
-    scanning: bool
-    truth: Mapping[str, Transform]
 
 
 @dataclass
@@ -266,29 +264,6 @@ def answered(rig: Rig, request: PlannerRequest, settings: PlannerSettings) -> Pl
     if isinstance(request, PlanRequest):
         return optimise.plan_for(rig, request, settings, lambda: PLANNER_ASK_S * next(asked))
     return optimise.scan_for(rig, request, settings, lambda: PLANNER_ASK_S * next(asked))
-
-
-@dataclass(frozen=True)
-class Score:
-    """Published targets against the truth: share tracked, mean and largest error in metres over ``n`` samples."""
-
-    coverage: float
-    mean_error_m: float
-    p95_error_m: float
-    n: int
-
-
-def score(ticks: Sequence[Tick]) -> Score:
-    """Score every target that is not hidden in every tick."""
-    errors = [
-        float(np.linalg.norm(target.position_m - tick.truth[target.id][:3, 3]))
-        if target.status is TargetStatus.TRACKED
-        else math.nan
-        for tick in ticks
-        for target in tick.outputs.published.targets
-    ]
-    tracked = [error for error in errors if not math.isnan(error)]
-    return Score(len(tracked) / len(errors), float(np.mean(tracked)), float(np.percentile(tracked, 95)), len(errors))
 
 
 def _small_pose(rng: np.random.Generator, sigma_m: float, sigma_rad: float) -> Transform:

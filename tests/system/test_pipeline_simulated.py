@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -11,15 +10,28 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from camrig.messages import DroneCommand, HeadCommand, PlanRequest, TagDetections, TargetStatus
+from camrig.detect import WHOLE_SHARE, merged
+from camrig.geometry.arrays import Array
+from camrig.messages import (
+    DroneCommand,
+    Expected,
+    HeadAim,
+    HeadCommand,
+    PlanRequest,
+    Region,
+    TagDetections,
+    TargetStatus,
+)
 from camrig.pipeline import Inputs, begin, step
-from tests.simulated_room import LOOKING_IN, project
-from tests.simulation import START_S, TICK_S, Simulation, Tick, score
+from tests.simulated_room import LENS, LOOKING_IN, RIM
+from tests.simulated_score import Tick, score
+from tests.simulation import START_S, TICK_S, Simulation
 
 SEEDS = (1, 2, 3)
 RUN_S = 25.0
 MOST_SCAN_S = 12.0
 FIND_S = 12.0
+PICTURE_PX = LENS.size_px[0] * LENS.size_px[1]
 
 
 @lru_cache(maxsize=len(SEEDS))
@@ -98,6 +110,46 @@ def test_a_drone_is_commanded_only_when_it_says_that_it_flies(seed: int) -> None
     assert commanded
 
 
+# --- regions ------------------------------------------------------------------------------------------------
+
+FETCH_S = (0.0, 0.05, 0.1)
+"""How long after its stamp a camera's worker may look up where to search a frame."""
+
+
+def in_force(simulation: Simulation, found: TagDetections, fetched_s: float) -> Expected | None:
+    """Return what a worker that fetches a frame at ``fetched_s`` knows of where to search it."""
+    told = [tick.outputs.expected for tick in simulation.ticks if tick.now_s <= fetched_s]
+    newest = next((expected for expected in reversed(told) if expected is not None), ())
+    return next((each for each in newest if each.camera_id == found.camera_id and each.holds_at(found.stamp_s)), None)
+
+
+def in_a_region(corners_px: Array, regions: tuple[Region, ...]) -> bool:
+    """Tell whether a region holds a tag and as much of its white rim as the picture does."""
+    centre = corners_px.mean(axis=0)
+    rim = np.clip(centre + RIM * (corners_px - centre), 0, LENS.size_px)
+    return any((rim >= each[:2]).all() and (rim <= each[2:]).all() for each in regions)
+
+
+def test_every_tag_that_a_resting_camera_sees_lies_in_a_small_region() -> None:
+    simulation = watched(3)
+    shares: list[float] = []
+    checked = 0
+    for tick in after_scan(simulation):
+        for found in tick.inputs.detections:
+            for fetch_s in FETCH_S:
+                expected = in_force(simulation, found, found.stamp_s + fetch_s)
+                if expected is None:
+                    continue
+                regions = merged(expected.regions, found.size_px)
+                for tag in found.tags:
+                    assert in_a_region(tag.corners_px, regions), f"{tag.key} in {found.camera_id} at {found.stamp_s}"
+                checked += len(found.tags)
+                shares.append(sum((right - left) * (bottom - top) for left, top, right, bottom in regions) / PICTURE_PX)
+    assert checked > 1000
+    assert np.mean(shares) < 0.2
+    assert np.quantile(shares, 0.99) < WHOLE_SHARE
+
+
 # --- trouble ------------------------------------------------------------------------------------------------
 
 
@@ -128,19 +180,21 @@ def test_a_lost_camera_is_named_with_what_it_costs_and_the_others_take_over() ->
     assert score([tick for tick in ticks if tick.now_s >= lost_s + 4.0]).coverage >= 0.97
 
 
-def test_a_held_head_gets_no_commands_and_no_plan_counts_on_moving_it() -> None:
+def test_a_held_head_gets_no_commands_and_is_planned_where_it_is() -> None:
     simulation = watching(5)
     before, held_s = len(simulation.ticks), simulation.now_s
     simulation.heads["west"].stop()
-    simulation.run(8.0)
+    simulation.run(7.0)
     ticks = simulation.ticks[before:]
     commands = [command for tick in ticks for command in tick.outputs.commands]
     heads = {command.head_id for command in commands if isinstance(command, HeadCommand)}
     assert heads == {"east", "south"}
+    at = simulation.heads["west"].true_angles_rad(simulation.now_s)
     plans = [tick.outputs.published.plan for tick in ticks]
-    assert all("c_west" not in plan.aims for plan in plans if plan and plan.stamp_s > held_s)
-    assert any("c_west" in target.seen_by for target in ticks[-1].outputs.published.targets)
-    assert score([tick for tick in ticks if tick.now_s >= held_s + 4.0]).coverage >= 0.97
+    aims = [plan.aims["c_west"] for plan in plans if plan and plan.stamp_s > held_s + 1.0]
+    assert aims
+    assert all(isinstance(aim, HeadAim) and aim.pan_rad == pytest.approx(at[0], abs=1e-3) for aim in aims)
+    assert score([tick for tick in ticks if tick.now_s >= held_s + 3.0]).coverage >= 0.97
 
 
 def test_a_target_that_vanishes_is_searched_for_and_found_where_it_comes_back() -> None:
