@@ -192,7 +192,7 @@ class Simulation:
     def _tick(self) -> None:
         number = len(self.ticks) + 1
         self._at(START_S + number * TICK_S, self._tick)
-        enabled = frozenset(name for name, head in self.heads.items() if head.enabled)
+        enabled = frozenset(name for name, head in self.heads.items() if head.enabled) | self.drones.keys()
         inputs, self._box = self._box.inputs(enabled), _Box()
         scanning = self.state.mission.scanning
         self.state, outputs = step(self.state, inputs, self.rig, self.settings, self.now_s)

@@ -64,7 +64,8 @@ def _floor_scene(rig: Rig, request: ScanRequest, settings: PlannerSettings) -> S
     cells = cells[~inside_any(cells, rig.space.keep_out_m)]
     targets = tuple(SceneTarget(f"cell{i}", tuple(cell.tolist()), size_m) for i, cell in enumerate(cells))
     asked = PlanRequest(request.request_id, request.stamp_s, (), request.aims, request.available, request.deadline_s)
-    scene = scene_of(rig, asked, settings)
+    # A scan takes the time it takes: what a plan must reach within its period does not bind it.
+    scene = scene_of(rig, asked, replace(settings, reach_s=math.inf))
     return Scene(
         cameras=tuple(camera for camera in scene.cameras if not isinstance(camera.place, FixedPlace)),
         targets=targets,

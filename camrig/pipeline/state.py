@@ -46,7 +46,7 @@ class Inputs:
     links: tuple[LinkReport, ...] = ()
     answer: PlannerAnswer | None = None
     enabled: frozenset[str] = frozenset()
-    """Heads that may move."""
+    """Heads that may move, and drones that obey us."""
     events: tuple[Event, ...] = ()
 
 

@@ -74,7 +74,7 @@ def knowledge(state: State, targets: tuple[Target, ...], inputs: Inputs, rig: Ri
         carrier = _carrier(camera)
         if carrier is None or (camera.id in aims and _up(state, carrier)):
             usable.add(camera.id)
-        if camera.id in usable and carrier is not None and _may_move(state, inputs, carrier):
+        if camera.id in usable and carrier is not None and _may_move(state, inputs, carrier, rig):
             movable.add(camera.id)
     complete = all(_carrier(camera) is None or camera.id in movable for camera in rig.cameras.values())
     return Knowledge(targets, aims, pose, frozenset(movable), frozenset(usable), complete)
@@ -136,5 +136,5 @@ def _up(state: State, device: str) -> bool:
     return report is not None and report.status is LinkStatus.UP
 
 
-def _may_move(state: State, inputs: Inputs, carrier: str) -> bool:
-    return carrier in inputs.enabled or state.flight.get(carrier) is FlightState.FLYING
+def _may_move(state: State, inputs: Inputs, carrier: str, rig: Rig) -> bool:
+    return carrier in inputs.enabled and (carrier in rig.heads or state.flight.get(carrier) is FlightState.FLYING)

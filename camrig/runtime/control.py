@@ -72,7 +72,7 @@ class Control:
 
     def _gather(self) -> Inputs:
         devices = self.devices
-        heads = {name for name, job in devices.heads.items() if job.enabled}
+        actuators: list[HeadJob | DroneJob] = [*devices.heads.values(), *devices.drones.values()]
         links = self.links.take_all()
         for report in links:
             self.link_states[report.device_id] = report.status
@@ -83,7 +83,7 @@ class Control:
             drone_readings=_all(job.readings.take_all() for job in devices.drones.values()),
             links=links,
             answer=self.planner.poll(),
-            enabled=frozenset(heads),
+            enabled=frozenset(job.name for job in actuators if job.enabled),
             events=tuple(refusals),
         )
 

@@ -109,8 +109,11 @@ class Daemon:
         self._asked_to_stop = True  # a handler must take no lock: the thread that it interrupts may hold it
 
     def stop(self) -> None:
-        """Bring the rig to rest: motion first, then threads, processes and outputs; twice is allowed."""
-        self.hold()
+        """Bring the rig to rest: motion first, then threads, processes and outputs; twice is allowed.
+
+        A drone that is landing goes on landing: held, it would hover with nobody left to bring it down.
+        """
+        self._halt([job for job in self._actuators() if not job.landing])
         self.notifier.stopping()
         self._stopping.set()
         for worker in self._workers:
@@ -122,11 +125,14 @@ class Daemon:
 
     def hold(self) -> Mapping[str, str]:
         """Stop every head and hold every drone, until ``resume`` or ``arm``; return what failed. Any thread."""
+        return self._halt(self._actuators())
+
+    def _actuators(self) -> list[HeadJob | DroneJob]:
+        return [*self.devices.heads.values(), *self.devices.drones.values()] if hasattr(self, "devices") else []
+
+    def _halt(self, jobs: Sequence[HeadJob | DroneJob]) -> Mapping[str, str]:
         failed: dict[str, str] = {}
-        if not hasattr(self, "devices"):
-            return failed
-        actuators: list[HeadJob | DroneJob] = [*self.devices.heads.values(), *self.devices.drones.values()]
-        for job in actuators:
+        for job in jobs:
             try:
                 job.stop()
             except Exception as error:  # whatever it is, one head's trouble must not keep the next from its stop

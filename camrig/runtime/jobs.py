@@ -110,6 +110,11 @@ class HeadJob:
         for reading in self.head.read(HEAD_TIMEOUT_S):
             self.readings.put(reading)
 
+    @property
+    def landing(self) -> bool:
+        """Whether it is to be left alone at shutdown: never, a head does not land."""
+        return False
+
     def close(self) -> None:
         self._enabled = False
         self.head.close()
@@ -141,7 +146,14 @@ class DroneJob:
     readings: Mailbox[DroneReading] = field(default_factory=lambda: Mailbox(READINGS_KEPT))
     commands: Mailbox[DroneAim] = field(default_factory=lambda: Mailbox(1))
     orders: Mailbox[Callable[[], None]] = field(default_factory=lambda: Mailbox(4))
+    landing: bool = False
+    """Whether an operator sent it to land, and nothing else since."""
     _wanted: threading.Event = field(default_factory=threading.Event)
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the drone was armed by an operator and neither stopped nor sent to land since."""
+        return self._wanted.is_set()
 
     def open(self) -> None:
         self.commands.clear()
@@ -171,6 +183,7 @@ class DroneJob:
             self.drone.stop()
 
     def close(self) -> None:
+        self._wanted.clear()  # after a lost link it takes a new order to obey
         self.drone.close()
 
     def wake(self) -> None:
@@ -178,16 +191,20 @@ class DroneJob:
 
     def arm(self) -> None:
         """Operator's order: arm and climb; any thread."""
+        self.landing = False
         self._wanted.set()
         self.orders.put(self._arm)
 
     def land(self) -> None:
         """Operator's order: land here; any thread."""
+        self.landing = True
+        self._wanted.clear()
         self.commands.clear()
         self.orders.put(self.drone.land)
 
     def stop(self) -> None:
         """Hold where it is and take no hover point until ``arm``; any thread."""
+        self.landing = False
         self._wanted.clear()
         self.orders.clear()
         self.commands.clear()

@@ -33,7 +33,7 @@ from tests.simulated_room import LENS, room
 NOW_S = 20.0
 ROOM = room()
 DEVICES = (*ROOM.cameras, *ROOM.heads, *ROOM.drones)
-HEADS = frozenset(ROOM.heads)
+OBEYING = frozenset(ROOM.heads) | frozenset(ROOM.drones)
 SKY_M = np.array([2.0, 1.0, 1.5])
 
 
@@ -63,7 +63,7 @@ def all_up(rig: Rig = ROOM, flight: FlightState = FlightState.FLYING) -> State:
     return taken(begin(NOW_S), inputs, rig)
 
 
-def known(state: State, enabled: frozenset[str] = HEADS, rig: Rig = ROOM, now_s: float = NOW_S) -> Knowledge:
+def known(state: State, enabled: frozenset[str] = OBEYING, rig: Rig = ROOM, now_s: float = NOW_S) -> Knowledge:
     return knowledge(state, (), Inputs(enabled=enabled), rig, now_s)
 
 
@@ -120,7 +120,7 @@ def test_nothing_takes_part_before_its_link_was_up() -> None:
 
 
 def test_a_head_that_is_not_enabled_is_counted_but_not_moved() -> None:
-    found = known(all_up(), enabled=HEADS - {"west"})
+    found = known(all_up(), enabled=OBEYING - {"west"})
     assert "c_west" in found.usable
     assert "c_west" not in found.movable
     assert not found.complete
@@ -226,3 +226,7 @@ def test_what_the_steering_holds_back_is_told_with_the_reason() -> None:
     (held,) = held_events({"d1": "drone d2 is in the way"}, NOW_S)
     assert (held.about, held.text, held.level) == ("d1", "held back: drone d2 is in the way", Level.WARNING)
     assert math.isclose(held.stamp_s, NOW_S)
+
+
+def test_a_drone_that_an_operator_holds_is_not_moved_though_it_flies() -> None:
+    assert known(all_up()).movable - known(all_up(), enabled=frozenset(ROOM.heads)).movable == {"c_sky"}
