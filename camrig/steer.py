@@ -104,10 +104,10 @@ def _steer_heads(
     commands = []
     for name, aim in aims.items():
         present = pose.heads.get(name)
-        there = present is not None and _apart_rad(aim, present) < settings.dead_band_rad
+        there = present is not None and apart_rad(aim, present) < settings.dead_band_rad
         if name in told:
             told_aim, told_s = told[name]
-            told_so = _apart_rad(aim, told_aim) < settings.dead_band_rad
+            told_so = apart_rad(aim, told_aim) < settings.dead_band_rad
             if told_so and (there or now_s < told_s + settings.retry_s):
                 continue
         elif there:
@@ -117,7 +117,8 @@ def _steer_heads(
     return told, commands
 
 
-def _apart_rad(aim: HeadAim, other: HeadAim) -> float:
+def apart_rad(aim: HeadAim, other: HeadAim) -> float:
+    """Return the larger of the two axes' differences."""
     return max(abs(aim.pan_rad - other.pan_rad), abs(aim.tilt_rad - other.tilt_rad))
 
 

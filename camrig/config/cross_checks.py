@@ -81,7 +81,8 @@ def _one_camera_each(parts: Parts) -> Iterator[Finding]:
         if first != camera.id:
             yield (*at, "mount"), f"'{carrier}' already carries camera '{first}'; it can carry one"
     carriers = {name: at for at, name in _written_ids(parts, "heads", "drones")}
-    if len(parts.cameras) < len(parts.data.get("cameras") or []) or not carried.keys() <= carriers.keys():
+    written = parts.data.get("cameras")
+    if not isinstance(written, list) or len(parts.cameras) < len(written) or not carried.keys() <= carriers.keys():
         return  # a camera that is not understood may be the missing one
     for name, at in carriers.items():
         if name not in carried:

@@ -85,7 +85,7 @@ class Document:
                 label = node.get("id", key) if isinstance(node, dict) else key
                 text += f"[{label}]"
             else:
-                text += f".{key}" if text else key
+                text += f".{key}" if text else str(key)
         return text
 
 
@@ -113,6 +113,8 @@ def load_document(path: Path) -> Document:
         mark = error.problem_mark or error.context_mark
         problem = " ".join(part for part in (error.context, error.problem) if part)
         raise ConfigError([Fault(file, mark.line + 1 if mark else 0, "", f"is not valid YAML: {problem}")]) from error
+    except RecursionError as error:
+        raise ConfigError([Fault(file, 0, "", "is nested without end: something in it contains itself")]) from error
     except (yaml.YAMLError, ValueError) as error:
         raise ConfigError([Fault(file, 0, "", f"is not valid YAML: {error}")]) from error
     finally:
@@ -142,6 +144,9 @@ def _collect(
         for key, value in node.value:
             if isinstance(key, yaml.ScalarNode):
                 name = loader.construct_object(key)
+                if not isinstance(name, str):
+                    text = "a key must be text; put it in quotes"
+                    faults.append(Fault(file, key.start_mark.line + 1, key.value, text))
                 lines[*at, name] = key.start_mark.line + 1
                 _collect(loader, value, (*at, name), lines, faults, file)
 

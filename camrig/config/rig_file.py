@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -121,8 +122,8 @@ class _Reader:
         data = self.document.data
         self._top_level(data)
         name = data.get("rig", "")
-        if not isinstance(name, str) or not name:
-            self._fault(("rig",), "must name the rig")
+        if not isinstance(name, str) or not re.fullmatch(r"\w[\w. -]{0,63}", name):
+            self._fault(("rig",), "must name the rig: letters, digits, '_', '.', '-' and spaces, at most 64")
         space = self._model(SpaceModel, ("space",))
         lenses = self._mapping(LensModel, "lenses")
         cameras = self._items(CameraModel, "cameras")

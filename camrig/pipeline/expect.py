@@ -13,6 +13,7 @@ from camrig.geometry.pose import apply, invert, transform
 from camrig.messages import CameraPose, Expected, HeadAim, Region, RigPose, Target, TargetStatus
 from camrig.pipeline.state import State
 from camrig.rig import CameraSpec, FixedMount, HeadMount, Rig
+from camrig.steer import apart_rad
 
 VALID_S = 0.3
 BEFORE_S = 0.15
@@ -64,13 +65,9 @@ def _still(camera: CameraSpec, state: State, pose: RigPose, since_s: float) -> b
                 return False
             was = HeadAim(*(float(angle) for angle in then.angles_rad))
             wanted = told[0] if told else was
-            return max(_apart_rad(wanted, at), _apart_rad(wanted, was)) < RESTING_RAD
+            return max(apart_rad(wanted, at), apart_rad(wanted, was)) < RESTING_RAD
     # A hand-carried camera never rests, and a drone hovers and sways: a tenth of a degree is a pixel or two.
     return False
-
-
-def _apart_rad(a: HeadAim, b: HeadAim) -> float:
-    return max(abs(a.pan_rad - b.pan_rad), abs(a.tilt_rad - b.tilt_rad))
 
 
 def _regions(lens: Lens, seen_from: CameraPose, targets: tuple[Target, ...], rig: Rig) -> Iterator[Region]:

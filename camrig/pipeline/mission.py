@@ -103,7 +103,7 @@ def advance(
     now_s: float,
 ) -> Step:
     """Return the mission after this tick, a request for the planner where one is due, and what to tell the operator."""
-    mission = _take(mission, answer)
+    mission = _without_stale_goals(_take(mission, answer), known)
     if not settings.aim or not (rig.heads or rig.drones):
         return replace(mission, scanning=False), None, ()
     if mission.scanning:
@@ -116,7 +116,8 @@ def advance(
 
 def rescan(mission: Mission, now_s: float) -> Mission:
     """Begin a new scan of the whole floor (an operator's order)."""
-    return Mission(started_s=now_s - ASSEMBLE_S, request_id=mission.request_id, answered_id=mission.request_id)
+    # What the planner still owes is waited for: it answers one request at a time. Its answer is then not followed.
+    return Mission(started_s=now_s - ASSEMBLE_S, request_id=mission.request_id, answered_id=mission.answered_id)
 
 
 def _take(mission: Mission, answer: PlannerAnswer | None) -> Mission:
@@ -129,6 +130,13 @@ def _take(mission: Mission, answer: PlannerAnswer | None) -> Mission:
     return mission if mission.scanning else replace(mission, plan=answer, goal={**mission.goal, **answer.aims})
 
 
+def _without_stale_goals(mission: Mission, known: Knowledge) -> Mission:
+    """Forget the goals of cameras that cannot move now: who comes back waits for a new plan, nothing is replayed."""
+    if mission.goal.keys() <= known.movable:
+        return mission
+    return replace(mission, goal={camera: aim for camera, aim in mission.goal.items() if camera in known.movable})
+
+
 def _scan(mission: Mission, known: Knowledge, settings: MissionSettings, now_s: float) -> Step:
     if all(target.status is not TargetStatus.UNSEEN for target in known.targets):
         return _end_scan(mission, known, now_s)
@@ -138,6 +146,8 @@ def _scan(mission: Mission, known: Knowledge, settings: MissionSettings, now_s: 
             return mission, None, ()
         request = ScanRequest(mission.request_id + 1, now_s, known.aims, tuple(sorted(known.movable)), SCAN_DEADLINE_S)
         return replace(mission, request_id=request.request_id), request, ()
+    if not known.movable:  # on hold: the scan goes on where it stands
+        return replace(mission, stop_since_s=now_s), None, ()
     if not _stop_done(mission, known, now_s):
         arrived = mission.arrived_s is None and _arrived(mission.goal, known)
         return replace(mission, arrived_s=now_s) if arrived else mission, None, ()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 from camrig.clock import Clock
@@ -164,10 +163,17 @@ class DroneJob:
         for order in self.orders.take_all():
             self._obey(order)
         for aim in self.commands.take_all():
-            with suppress(NotEnabledError):  # stopped, or no longer flying, since the command was made
-                self.drone.go_to(aim.position_m, aim.yaw_rad)
+            self._go_to(aim)
         for reading in self.drone.read(DRONE_TIMEOUT_S):
             self.readings.put(reading)
+
+    def _go_to(self, aim: DroneAim) -> None:
+        try:
+            self.drone.go_to(aim.position_m, aim.yaw_rad)
+        except NotEnabledError as error:  # a failsafe, a pilot, a refused arming; or stopped a moment ago
+            if self._wanted.is_set():
+                self._wanted.clear()
+                self.refusals.put(Event(self.clock.now_s(), Level.WARNING, self.name, f"left out of plans: {error}"))
 
     def _obey(self, order: Callable[[], None]) -> None:
         try:

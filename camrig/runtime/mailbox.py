@@ -1,4 +1,4 @@
-"""All that threads share: a small box that keeps the newest items. There are no other locks in the runtime."""
+"""What flows between threads goes through a small box that keeps the newest items (docs/decisions/0003)."""
 
 from __future__ import annotations
 

@@ -45,6 +45,8 @@ class PlannerLink:
 
     def submit(self, request: PlannerRequest) -> None:
         """Hand over a request; only while ``idle``. A planner that has died is started again."""
+        if self._owed is not None:
+            raise RuntimeError("the planner still owes an answer; submit only while it is idle")
         self._owed = request
         try:
             self._connection.send(request)
@@ -89,7 +91,7 @@ class PlannerLink:
         ours, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "camrig.runtime.planner_process", str(theirs.fileno())],
+                [sys.executable, "-P", "-m", "camrig.runtime.planner_process", str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 env={**os.environ, **_ONE_THREAD},
                 start_new_session=True,

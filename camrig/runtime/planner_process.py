@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from multiprocessing.connection import Connection
@@ -31,4 +32,6 @@ def _answer(rig: Rig, settings: PlannerSettings, request: PlannerRequest) -> Pla
 
 
 if __name__ == "__main__":
+    for ignored in (signal.SIGINT, signal.SIGTERM):  # sent to the whole service; the daemon says when it is over
+        signal.signal(ignored, signal.SIG_IGN)
     serve(Connection(int(sys.argv[1])))

@@ -111,7 +111,7 @@ class _Process:
         self._line, theirs = Pipe()
         with theirs:
             self._child = subprocess.Popen(
-                [sys.executable, "-m", "camrig_emulators.world_process", str(theirs.fileno())],
+                [sys.executable, "-P", "-m", "camrig_emulators.world_process", str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=(theirs.fileno(),),

@@ -151,10 +151,15 @@ def check(sections: Mapping[str, tuple[CameraSpec, ImagesSection]]) -> list[tupl
     faults = []
     for camera, (spec, section) in sections.items():
         try:
-            found = next((p.image for p in pictures.read(pictures.find(section.path)) if p.image is not None), None)
+            paths = pictures.find(section.path)
         except InputError as error:
             faults.append((camera, "path", str(error)))
             continue
+        try:
+            _timeline(section, paths)
+        except InputError as error:
+            faults.append((camera, "stamps", str(error)))
+        found = next((p.image for p in pictures.read(paths) if p.image is not None), None)
         if found is None:
             faults.append((camera, "path", f"{section.path} holds no picture that can be read"))
         elif (size_px := (found.shape[1], found.shape[0])) != (lens_px := spec.lens.size_px):
