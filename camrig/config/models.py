@@ -174,8 +174,8 @@ class DroneModel(DeviceModel):
     box_m: BoxM
     min_separation_m: Annotated[float, Field(ge=0.0, le=100.0)] = 0.8
     speed_m_s: Annotated[float, Field(gt=0.0, le=5.0)] = 0.5
-    position_sigma_m: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
-    attitude_sigma_deg: Annotated[float, Field(gt=0.0, le=10.0)] = 0.3
+    position_sigma_m: Annotated[float, Field(gt=0.0, le=1.0)] = 0.03
+    attitude_sigma_deg: Annotated[float, Field(gt=0.0, le=10.0)] = 1.0
 
     @model_validator(mode="after")
     def _high_enough(self) -> DroneModel:
