@@ -1,4 +1,4 @@
-"""Pan-tilt kinematics with axes that need not meet, and the inverse: which angles aim at a point.
+"""Pan-tilt kinematics with axes that need not meet.
 
 Frames of a head, outermost first:
 
@@ -12,7 +12,6 @@ Frames of a head, outermost first:
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,12 +30,6 @@ R_BODY_OPTICAL_DOWN: Array = np.diag([1.0, -1.0, -1.0])
 def aim_rotation(pan_rad: float, tilt_rad: float) -> Array:
     """Return R_base_mount of a level head: Rz(pan) Ry(-tilt)."""
     return np.asarray(rotation_z(pan_rad) @ rotation_y(-tilt_rad))
-
-
-def aim_at(direction: Array) -> tuple[float, float]:
-    """Return pan and tilt (radians) that look along a (3,) base-frame direction, axes taken as meeting."""
-    x, y, z = (float(value) for value in direction)
-    return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
