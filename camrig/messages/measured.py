@@ -1,0 +1,119 @@
+"""What devices measure: frames and their tags, angles of heads, poses of drones, the state of links."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+from camrig.geometry.arrays import Array, GreyImage, Transform
+from camrig.rig import TagKey
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One grey picture; ``stamp_s`` is mid-exposure of the centre row, ``stamp_known`` whether its origin is."""
+
+    camera_id: str
+    image: GreyImage
+    stamp_s: float
+    sequence: int
+    stamp_known: bool = True
+    source: str = ""
+    """The file a frame came from, where it came from one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TagDetection:
+    """One tag in one picture. Corners p0..p3 are AprilTag's (bottom-left, bottom-right, top-right, top-left
+    of an upright tag), (4, 2) pixels in OpenCV's convention (the centre of the first pixel is 0, 0).
+    """
+
+    key: TagKey
+    corners_px: Array
+    centre_px: tuple[float, float]
+    hamming: int
+    margin: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TagDetections:
+    """All tags of one frame; ``whole`` is False where only the regions of expected tags were searched."""
+
+    camera_id: str
+    stamp_s: float
+    sequence: int
+    size_px: tuple[int, int]
+    tags: tuple[TagDetection, ...]
+    detect_s: float
+    source: str = ""
+    whole: bool = True
+
+
+Region = tuple[int, int, int, int]
+"""A part of a picture in pixels: left, top, right, bottom; the last two are not part of it any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """Where the tags of one camera's pictures are expected, for frames stamped ``from_s`` to ``until_s``."""
+
+    camera_id: str
+    from_s: float
+    until_s: float
+    regions: tuple[Region, ...]
+
+    def holds_at(self, stamp_s: float) -> bool:
+        """Tell whether a frame of this stamp may be searched there alone."""
+        return self.from_s <= stamp_s <= self.until_s
+
+
+@dataclass(frozen=True, slots=True)
+class AxisReading:
+    """One axis of one head as the head sampled it at ``stamp_s`` (plus or minus ``stamp_sigma_s``)."""
+
+    head_id: str
+    axis: Literal["pan", "tilt"]
+    angle_rad: float
+    stamp_s: float
+    sigma_rad: float
+    stamp_sigma_s: float
+
+
+class FlightState(StrEnum):
+    """What a drone is doing, judged by its own telemetry."""
+
+    UNKNOWN = "unknown"
+    GROUND = "ground"
+    TAKING_OFF = "taking_off"
+    FLYING = "flying"
+    LANDING = "landing"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DroneReading:
+    """Where a drone says it was at ``stamp_s``; covariance (6, 6) in the convention of geometry.pose."""
+
+    drone_id: str
+    stamp_s: float
+    T_world_body: Transform
+    covariance: Array
+    flight: FlightState
+
+
+class LinkStatus(StrEnum):
+    """The state of a device's link, as it is published."""
+
+    CLOSED = "closed"
+    UP = "up"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, slots=True)
+class LinkReport:
+    """A device's link changed its state."""
+
+    device_id: str
+    status: LinkStatus
+    stamp_s: float
+    reason: str = ""
