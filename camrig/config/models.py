@@ -261,6 +261,12 @@ class PlannerModel(StrictModel):
     seed: int = 0
 
 
+class FusionModel(StrictModel):
+    """How the sightings of all cameras are fused; ``quality`` is the paper's weighting, 1/Q^2."""
+
+    weighting: Literal["covariance", "quality"] = "covariance"
+
+
 def _optical(pose: PoseModel | None, R_optical: Array) -> Transform:
     """Return a mount-to-camera transform: the pose as written, then the turn into the optical frame."""
     T = (pose or PoseModel()).build()

@@ -19,6 +19,7 @@ from camrig.config.models import (
     CameraModel,
     DeviceModel,
     DroneModel,
+    FusionModel,
     HeadModel,
     LensModel,
     PlannerModel,
@@ -45,6 +46,7 @@ _TOP_LEVEL = (
     "anchors",
     "detector",
     "planner",
+    "fusion",
     "outputs",
     "world",
 )
@@ -84,6 +86,7 @@ class RigConfig:
     file: str
     rig: Rig
     planner: PlannerModel
+    fusion: FusionModel
     devices: Mapping[DeviceGroup, Mapping[str, DeviceConfig]]
     detector: PluginConfig[Plugin[Any]]
     outputs: tuple[PluginConfig[Plugin[Any]], ...]
@@ -130,6 +133,7 @@ class _Reader:
         heads, drones = self._items(HeadModel, "heads"), self._items(DroneModel, "drones")
         targets, anchors = self._items(TargetModel, "targets"), self._items(AnchorModel, "anchors")
         planner = self._model(PlannerModel, ("planner",), default=PlannerModel())
+        fusion = self._model(FusionModel, ("fusion",), default=FusionModel())
         world = self._world()
         sources = {at: camera.source for at, camera in cameras.items()}
         devices: dict[DeviceGroup, dict[KeyPath, DeviceConfig]] = {
@@ -148,7 +152,7 @@ class _Reader:
         parts = cross_checks.Parts(data, cameras, targets, anchors, families or None)
         self.faults += cross_checks.check(self.document, parts)
         self._check_together(specs, devices)
-        if self.faults or space is None or planner is None or detector is None:
+        if self.faults or space is None or planner is None or fusion is None or detector is None:
             raise ConfigError(sorted(set(self.faults)))
         rig = Rig(
             name=name,
@@ -162,7 +166,7 @@ class _Reader:
         by_id: dict[DeviceGroup, Mapping[str, DeviceConfig]] = {
             group: {self._id_at(at): device for at, device in found.items()} for group, found in devices.items()
         }
-        return RigConfig(self.document.file, rig, planner, by_id, detector, outputs, world)
+        return RigConfig(self.document.file, rig, planner, fusion, by_id, detector, outputs, world)
 
     def _check_together(
         self,
@@ -193,10 +197,7 @@ class _Reader:
         self.faults.append(self.document.fault(at, message))
 
     def _id_at(self, at: KeyPath) -> str:
-        node: Any = self.document.data
-        for key in at[:2]:
-            node = node[key]
-        return str(node["id"])
+        return str(self._node(at[:2])["id"])
 
     def _node(self, at: KeyPath) -> Any:
         node: Any = self.document.data

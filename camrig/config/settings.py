@@ -1,9 +1,10 @@
-"""From the checked ``planner:`` section to the settings of the pipeline."""
+"""From the checked ``planner:`` and ``fusion:`` sections to the settings of the pipeline."""
 
 from __future__ import annotations
 
 import math
 
+from camrig import fuse
 from camrig.config.rig_file import RigConfig
 from camrig.optimise import PlannerSettings
 from camrig.pipeline import MissionSettings, Settings
@@ -36,4 +37,5 @@ def settings_of(config: RigConfig, *, aim: bool = True) -> Settings:
             reach_s=REACH_PERIODS * planner.period_s,
         ),
         mission=MissionSettings(period_s=planner.period_s, deadline_s=planner.deadline_s, aim=aim),
+        fuse=fuse.Settings(weighting=config.fusion.weighting),
     )

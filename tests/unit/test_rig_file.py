@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from camrig.config.document import load_document
 from camrig.config.rig_file import load_rig
+from camrig.config.settings import settings_of
 from camrig.errors import ConfigError
 from camrig.rig import DroneMount, HeadMount
 
@@ -65,6 +66,14 @@ def test_a_good_file_becomes_a_rig_in_si_units(tmp_path: Path) -> None:
     assert config.devices["heads"]["pt2"].section.address == 2
 
 
+@pytest.mark.parametrize(
+    ("section", "weighting"),
+    [("", "covariance"), ("fusion: {}\n", "covariance"), ("fusion: {weighting: quality}\n", "quality")],
+)
+def test_the_papers_weighting_of_fusion_is_asked_for_in_the_file(tmp_path: Path, section: str, weighting: str) -> None:
+    assert settings_of(load_rig(_write(tmp_path, GOOD + section))).fuse.weighting == weighting
+
+
 def test_a_drones_camera_looks_down_with_image_right_along_its_nose() -> None:
     rig = load_rig(CONFIGS / "demo.yaml").rig
     mount = rig.cameras["sky"].mount
@@ -92,6 +101,7 @@ def test_a_drones_camera_looks_down_with_image_right_along_its_nose() -> None:
         ("cy: 400, distortion: [-0.336, 0.101, 0, 0, 0]", "cy: 400, r_max: 1.3, distortion: [-0.5, 0, 0, 0, 0]", 4, "stops being one-to-one"),
         ("fx: 827.7", "fx: .nan", 4, "finite number"),
         ("rig: lab", "rgi: lab", 1, "unknown key"),
+        ("rig: lab", "rig: lab\nfusion: {weighting: paper}", 2, "'covariance' or 'quality'"),
     ],
 )  # fmt: skip
 def test_a_fault_is_named_with_its_line(tmp_path: Path, old: str, new: str, line: int, says: str) -> None:
