@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from importlib import import_module
+from importlib import import_module, metadata
+from typing import Annotated
 
 import typer
 from rich.markup import escape
 
-from camrig.cli.console import people
+from camrig.cli.console import people, results
 from camrig.errors import CamrigError
 
 _COMMANDS = (
@@ -46,7 +47,17 @@ def build(commands: Sequence[str] = _COMMANDS) -> typer.Typer:
     return app
 
 
-def _no_command() -> None:
+def _print_version(asked: bool) -> None:
+    if asked:
+        results.print(f"camrig {metadata.version('camrig')}", highlight=False)
+        raise typer.Exit
+
+
+def _no_command(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
     """Do nothing: every command stands for itself."""
 
 
