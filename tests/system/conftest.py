@@ -1,4 +1,7 @@
-"""Every daemon of these tests keeps its socket in a folder of this run: two suites on one host do not meet."""
+"""The daemon on fakes, and where every daemon of these tests keeps its socket: in a folder of this run.
+
+So two suites on one host do not meet.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
+
+from camrig.config.rig_file import RigConfig
+from camrig.config.settings import settings_of
+from camrig.runtime.daemon import Daemon
+from tests.daemon_on_fakes import Log, load
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -24,3 +32,18 @@ def socket_folder() -> Iterator[Path]:
     with TemporaryDirectory(prefix="camrig-") as parent:
         Path(parent).chmod(0o755)
         yield Path(parent) / "camrig"
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> RigConfig:
+    """Return the rig of two fake heads."""
+    return load(tmp_path)
+
+
+@pytest.fixture
+def daemon(config: RigConfig) -> Iterator[Daemon]:
+    """Return a started daemon on fakes."""
+    found = Daemon(config, settings_of(config), extra_sinks=[Log()])
+    found.start()
+    yield found
+    found.stop()

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
-from camrig.config.rig_file import RigConfig
 from camrig.config.settings import settings_of
 from camrig.messages import LinkStatus
 from camrig.runtime.daemon import Daemon
 from camrig_emulators.fakes import FakeCamera, FakeDrone
-from tests.daemon_on_fakes import RIG, Log, at_rest, has_moved, head, load, log, supervising
+from tests.daemon_on_fakes import RIG, at_rest, has_moved, head, load, log, supervising
 from tests.runtime_parts import until
 
 DRONE = """\
@@ -21,20 +17,6 @@ drones:
   - {id: d1, driver: fake, box_m: [[1, 1, 1.2], [4, 2, 2.2]]}
 """
 SKY = "  - {id: sky, lens: lab, source: {driver: fake}, mount: {drone: d1}}\n"
-
-
-@pytest.fixture
-def config(tmp_path: Path) -> RigConfig:
-    return load(tmp_path)
-
-
-@pytest.fixture
-def daemon(config: RigConfig) -> Iterator[Daemon]:
-    """Return a started daemon on fakes."""
-    found = Daemon(config, settings_of(config), extra_sinks=[Log()])
-    found.start()
-    yield found
-    found.stop()
 
 
 def test_it_scans_by_itself_and_comes_to_rest_when_asked(daemon: Daemon) -> None:

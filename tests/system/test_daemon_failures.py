@@ -7,7 +7,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,22 +25,8 @@ from camrig.rig import HeadSpec, Rig
 from camrig.runtime.daemon import BEAT_LIMIT_S, Daemon
 from camrig.runtime.notify import Notifier
 from camrig_emulators.fakes import FakeHead
-from tests.daemon_on_fakes import Log, at_rest, has_moved, head, load, supervising
+from tests.daemon_on_fakes import Log, at_rest, has_moved, head, supervising
 from tests.runtime_parts import until
-
-
-@pytest.fixture
-def config(tmp_path: Path) -> RigConfig:
-    return load(tmp_path)
-
-
-@pytest.fixture
-def daemon(config: RigConfig) -> Iterator[Daemon]:
-    """Return a started daemon on fakes."""
-    found = Daemon(config, settings_of(config), extra_sinks=[Log()])
-    found.start()
-    yield found
-    found.stop()
 
 
 def test_a_planner_that_is_killed_does_not_end_the_scan(daemon: Daemon) -> None:

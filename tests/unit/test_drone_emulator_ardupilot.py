@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 
 from tests.drone_pilot import (
+    ACCEPTED,
     ARM,
+    FAILED,
     GUIDED,
     LAND,
     POSITION_ONLY,
     SET_INTERVAL,
     SET_MODE,
     TAKE_OFF,
+    UNSUPPORTED,
     VELOCITY,
     Pilot,
     command_long,
@@ -22,7 +25,6 @@ from tests.drone_pilot import (
 )
 
 ALT_HOLD, LOITER, RTL, LANDING, BRAKE = 2, 5, 6, 9, 17
-ACCEPTED, UNSUPPORTED, FAILED = 0, 3, 4
 
 
 @pytest.fixture

@@ -16,9 +16,21 @@ from camrig_emulators.faults import Faults
 from camrig_emulators.mavlink_drone import MavlinkDroneSettings
 from camrig_emulators.mavlink_protocol import MavlinkProtocol
 from camrig_emulators.mavlink_vehicle import Vehicle
-from tests.drone_pilot import ARM, HERE, LAND, REQUEST, SET_INTERVAL, SET_MODE, START_S, Pilot, command_long, set_point
+from tests.drone_pilot import (
+    ACCEPTED,
+    ARM,
+    FAILED,
+    HERE,
+    LAND,
+    REQUEST,
+    SET_INTERVAL,
+    SET_MODE,
+    START_S,
+    Pilot,
+    command_long,
+    set_point,
+)
 
-ACCEPTED, FAILED = 0, 4
 FLAVOURS = pytest.mark.parametrize("flavour", ["ardupilot", "px4"])
 NUMBERS = st.one_of(st.floats(width=32), st.sampled_from([0.0, 1.0, 4.0, 6.0, 21196.0, math.nan, math.inf]))
 

@@ -10,19 +10,21 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from tests.drone_pilot import (
+    ACCEPTED,
     ARM,
     LAND,
     POSITION_ONLY,
     SET_INTERVAL,
     SET_MODE,
     TAKE_OFF,
+    TEMPORARILY_REJECTED,
+    UNSUPPORTED,
     VELOCITY,
     Pilot,
     set_point,
 )
 
 OFFBOARD, HOLD, TAKING_OFF, RETURN, LANDING = 0x00060000, 0x03040000, 0x02040000, 0x05040000, 0x06040000
-ACCEPTED, TEMPORARILY_REJECTED, UNSUPPORTED = 0, 1, 3
 HERE_POINT = set_point((0.0, 0.0, -2.0))
 
 

@@ -9,25 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camrig_emulators.pelco_d_bench import Bench
-from camrig_emulators.pelco_d_head import PelcoDHeadSettings
-
-STOP, LEFT, RIGHT, UP, DOWN = 0x00, 0x04, 0x02, 0x08, 0x10
-
-
-def head(name: str = "head", **changed: object) -> PelcoDHeadSettings:
-    return PelcoDHeadSettings.model_validate({"id": name, **changed})
-
-
-def read_raw(bench: Bench, opcode: int, address: int = 1) -> int:
-    reply = bench.ask(address, opcode)
-    assert len(reply) == 7
-    return reply[4] << 8 | reply[5]
-
-
-def truth_deg(bench: Bench, name: str = "head") -> tuple[float, float]:
-    pan_rad, tilt_rad = bench.line.true_angles_rad(name, bench.now_s)
-    return math.degrees(pan_rad), math.degrees(tilt_rad)
-
+from tests.head_on_bench import DOWN, LEFT, RIGHT, STOP, UP, head, read_raw, truth_deg
 
 # --- motion ---------------------------------------------------------------------------------------------------
 
