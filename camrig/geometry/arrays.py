@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -13,3 +16,9 @@ Transform = npt.NDArray[np.float64]
 
 GreyImage = npt.NDArray[np.uint8]
 """(height, width) grey picture."""
+
+Numbers = Any
+"""A number or an array of them: formulas that serve both (geometry.jit)."""
+
+Coefficients = Sequence[float] | Array
+"""A lens's coefficients, in OpenCV's order."""

@@ -18,15 +18,15 @@ import numpy as np
 
 from camrig.geometry.arrays import Array
 
-_NOISE_PX = 0.06
-_SMALL_TAG_PX2 = 2.5
-_BEND_PER_PX = (2.0 / 3.0) * 0.336 / (4.0 * 828.0)
+NOISE_PX = 0.06
+SMALL_TAG_PX2 = 2.5
+BEND_PER_PX = (2.0 / 3.0) * 0.336 / (4.0 * 828.0)
 
 
 def corner_sigma_px(width_px: Array, radius: Array) -> Array:
     """Return one sigma per pixel coordinate of tags ``width_px`` wide, ``radius`` = tan(off-axis angle); any shape."""
-    noise = np.maximum(_NOISE_PX, _SMALL_TAG_PX2 / np.maximum(width_px, 1.0))
-    return np.hypot(noise, _BEND_PER_PX * radius * width_px * width_px)
+    noise = np.maximum(NOISE_PX, SMALL_TAG_PX2 / np.maximum(width_px, 1.0))
+    return np.hypot(noise, BEND_PER_PX * radius * width_px * width_px)
 
 
 def tag_width_px(corners_px: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The paper's quality model: the table of the real lens, the direction trap, visibility, fusion."""
+"""The paper's quality model: the table of the real lens, the direction trap, fusion; its kernels and their slopes."""
 
 from __future__ import annotations
 
@@ -6,11 +6,21 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from camrig import sensing
-from camrig.geometry.lens import BrownLens, FisheyeLens
+from camrig.geometry.arrays import Array
+from camrig.geometry.lens import BrownLens, FisheyeLens, Lens
+from camrig.sensing.lens_row import half_angle, lens_row
+from camrig.sensing.point import (
+    perspective_gain,
+    perspective_gain_slopes,
+    pixel_gain,
+    pixel_gain_slopes,
+    pixel_gains,
+)
+from tests.lenses import ALL, ideal_points, in_space
 
 LAB = BrownLens(
     size_px=(1280, 800), focal_px=(827.6785, 827.8561), centre_px=(640.0, 400.0), distortion=(-0.335814, 0.101432, 0, 0)
@@ -84,71 +94,70 @@ def test_nothing_seen_is_infinite() -> None:
     assert sensing.fused(np.zeros((3, 1)))[0] == np.inf
 
 
-def test_the_real_lens_has_the_known_fields_of_view() -> None:
-    assert math.degrees(sensing.half_angle(LAB)) == pytest.approx(37.71, abs=0.01)
-    for direction, expected_deg in (((1, 0), 45.43), ((0, 1), 27.86), ((640 / 400, 1.0), 51.61)):
-        unit = np.array(direction) / np.hypot(*direction)
-        # The corner of the image lies on the diagonal of the *sensor*; a radial lens keeps directions.
-        angles = np.radians(np.linspace(20.0, 54.0, 34001))
-        inside = sensing.in_image(LAB, np.stack([*(unit[:, None] * np.sin(angles)), np.cos(angles)], axis=-1))
-        assert math.degrees(angles[inside].max()) == pytest.approx(expected_deg, abs=0.02)
+def q_d_of_kernel(lens: Lens, ideal: Array) -> Array:
+    """What the kernel's gain makes of the distortion: f / (Z gain)."""
+    fx, fy = lens.focal_px
+    row = lens_row(lens)
+    return np.array([math.sqrt(fx * fy) / (2.0 * pixel_gain(row, 2.0 * a, 2.0 * b, 2.0)) for a, b in ideal])
 
 
-def test_a_target_on_the_edge_of_the_cone_is_seen_and_the_margin_shrinks_it() -> None:
-    alpha = sensing.half_angle(LAB)
-    on_edge = np.array([math.sin(alpha), 0.0, math.cos(alpha)])
-    beyond = np.array([math.sin(alpha + 1e-7), 0.0, math.cos(alpha + 1e-7)])
-    assert sensing.in_cone(LAB, on_edge, alpha)
-    assert not sensing.in_cone(LAB, beyond, alpha)
-    assert not sensing.in_cone(LAB, on_edge, alpha, margin_rad=0.01)
-    assert not sensing.in_cone(LAB, -on_edge, alpha)
+@pytest.mark.parametrize(
+    ("r", "axis", "diagonal"),
+    [(0.4, 1.2373, 1.2409), (0.6, 1.5941, 1.6169), (0.7732, 2.0673, 2.1376), (1.0, 2.6138, 2.7345)],
+)
+def test_the_kernel_holds_the_reference_table_in_units_of_tan_beta(r: float, axis: float, diagonal: float) -> None:
+    ideal = np.array([[r, 0.0], [0.0, r], [r / math.sqrt(2.0), -r / math.sqrt(2.0)]])
+    found = q_d_of_kernel(LAB, ideal)
+    np.testing.assert_allclose(found, [axis, axis, diagonal], atol=6e-5)
+    # The wrong way round (J's own diagonal) is below 1, and coefficients over tan(alpha) give another number.
+    J = LAB.jacobian(ideal)
+    assert (J[:, 0, 0] * J[:, 1, 1] < 1.0).all()
+    scaled = q_d_of_kernel(LAB, ideal / math.tan(half_angle(LAB)))
+    assert (np.abs(scaled - found) > 0.1).all()
 
 
-def test_nothing_beyond_r_max_is_visible() -> None:
-    short = BrownLens((1280, 800), (400.0, 400.0), (640.0, 400.0), r_max=0.5)
-    inside, outside = point(0.49, 0.0), point(0.51, 0.0)
-    assert sensing.in_image(short, inside)
-    assert not sensing.in_image(short, outside)
-    assert sensing.in_cone(short, inside, 1.2)
-    assert not sensing.in_cone(short, outside, 1.2)
-    assert sensing.in_image(PINHOLE, point(0.79, 0.0))
+def test_past_r_1_the_term_falls_again_so_one_to_one_is_no_protection() -> None:
+    radii = np.array([1.0, 1.4])
+    ideal = np.stack([radii, np.zeros(2)], axis=-1)
+    assert LAB.r_max == math.sqrt(2.0)  # one-to-one all the way
+    np.testing.assert_allclose(q_d_of_kernel(LAB, ideal), [2.61, 1.40], atol=5e-3)
 
 
-@pytest.mark.parametrize("lens", [LAB, PINHOLE, TANGENTIAL])
-@pytest.mark.parametrize("pixel", [(1279.0, 400.0), (640.0, 1.0), (900.0, 799.0), (2.0, 700.0)])
-def test_the_image_margin_is_the_angle_to_the_edge(lens: BrownLens, pixel: tuple[float, float]) -> None:
-    ideal = lens.unproject(np.array(pixel))
-    towards = np.append(ideal, 1.0) / math.sqrt(1.0 + float(ideal @ ideal))
-    rays = towards + 0.001 * np.random.default_rng(1).normal(size=(4000, 3))
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    angles = np.arccos(np.clip(rays @ towards, -1.0, 1.0))
-    nearest_outside = angles[~sensing.in_image(lens, rays)].min()
-    assert sensing.in_image(lens, towards, nearest_outside * 0.95)
-    assert not sensing.in_image(lens, towards, nearest_outside * 1.05)
+@pytest.mark.parametrize("name", ALL)
+def test_the_kernels_gain_is_one_over_the_papers_quality(name: str) -> None:
+    lens = ALL[name]
+    points = in_space(0.95 * ideal_points(lens, seed=6))
+    np.testing.assert_allclose(
+        pixel_gains(lens_row(lens), points), 1.0 / sensing.pixel_quality(lens, points), rtol=1e-10
+    )
+    behind = points * [1.0, 1.0, -1.0]
+    assert (pixel_gains(lens_row(lens), np.vstack([behind, [[0.0, 0.0, 0.0]]])) == 0.0).all()
 
 
-def test_far_outside_a_polynomial_lens_folds_back_and_must_not_be_seen() -> None:
-    folding = BrownLens((1280, 800), (827.0, 827.0), (640.0, 400.0), (-0.5, 0.1, 0, 0))
-    radii = np.linspace(0.0, 60.0, 6001)
-    seen = sensing.in_image(folding, np.stack([radii, np.zeros_like(radii), np.ones_like(radii)], axis=-1))
-    assert radii[seen].max() <= folding.r_max
+def test_the_perspective_gain_knows_distance_and_angle_alone() -> None:
+    row, straight = lens_row(LAB), lens_row(BrownLens(LAB.size_px, LAB.focal_px, LAB.centre_px))
+    f = math.sqrt(827.6785 * 827.8561)
+    assert perspective_gain(row, 0.0, 0.0, 3.0) == pytest.approx(f / 3.0)
+    assert perspective_gain(row, 3.0, 0.0, 3.0) == pytest.approx(f * math.cos(math.pi / 4.0) / (3.0 * math.sqrt(2.0)))
+    assert perspective_gain(row, 1.0, -0.4, 2.0) == perspective_gain(straight, 1.0, -0.4, 2.0)
 
 
-def test_tag_corners_lie_round_the_centre_in_apriltags_order() -> None:
-    centre = np.array([1.0, 2.0, 0.1])
-    corners = sensing.tag_corners(centre, np.array([0.0, 0.0, 2.0]), 0.0, 0.2)
-    expected = centre + 0.1 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    np.testing.assert_allclose(corners, expected, atol=1e-12)
-    turned = sensing.tag_corners(centre, np.array([0.0, 0.0, 1.0]), math.pi / 2, 0.2)
-    np.testing.assert_allclose(turned[0], centre + np.array([0.1, -0.1, 0.0]), atol=1e-12)
-    on_wall = sensing.tag_corners(centre, np.array([1.0, 0.0, 0.0]), 0.3, 0.2)
-    np.testing.assert_allclose(on_wall[:, 0], 1.0, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(on_wall - centre, axis=1), 0.1 * math.sqrt(2.0))
-
-
-def test_tag_side_is_the_narrow_one() -> None:
-    corners = np.array([[-0.1, -0.1, 2.0], [0.1, -0.1, 2.0], [0.1, 0.1, 2.0], [-0.1, 0.1, 2.0]])
-    assert sensing.tag_side_px(PINHOLE, corners) == pytest.approx(80.0)
-    squeezed = corners * [0.5, 1.0, 1.0]
-    assert sensing.tag_side_px(PINHOLE, squeezed) == pytest.approx(40.0)
-    assert np.isnan(sensing.tag_side_px(PINHOLE, corners * [1, 1, -1]))
+@pytest.mark.parametrize("name", ALL)
+@settings(deadline=None, max_examples=50)
+@given(st.floats(0.0, 0.9), st.floats(0.0, 2.0 * math.pi), st.floats(0.2, 6.0))
+def test_gains_have_the_slopes_they_say(name: str, share: float, angle: float, depth_m: float) -> None:
+    lens = ALL[name]
+    radius = share * min(lens.r_max, 2.5)
+    row, point_ = lens_row(lens), depth_m * np.array([radius * math.cos(angle), radius * math.sin(angle), 1.0])
+    assume(pixel_gain(row, *point_) > 1e-3)
+    for gain, slopes in ((pixel_gain, pixel_gain_slopes), (perspective_gain, perspective_gain_slopes)):
+        value, *by = slopes(row, *point_)
+        assert value == pytest.approx(gain(row, *point_), rel=1e-12)
+        step = 1e-5 * depth_m
+        expected = [
+            (gain(row, *(point_ + step * axis)) - gain(row, *(point_ - step * axis))) / (2.0 * step)
+            for axis in np.eye(3)
+        ]
+        # Differences err by (step / depth)^2 of a third derivative: against the gradient's own length.
+        scale = float(np.linalg.norm(expected))
+        np.testing.assert_allclose(by, expected, rtol=0.0, atol=2e-6 * scale)

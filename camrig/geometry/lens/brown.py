@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from camrig.errors import InputError
-from camrig.geometry.arrays import Array
+from camrig.geometry.arrays import Array, Coefficients, Numbers
 from camrig.geometry.lens import pinhole
 
 _ALLOWED_LENGTHS = (0, 4, 5, 8, 12, 14)
@@ -39,42 +39,10 @@ class BrownLens:
         object.__setattr__(self, "_inverse", pinhole.inverse_table(self))
 
     def distort(self, ideal: Array) -> Array:
-        a, b = ideal[..., 0], ideal[..., 1]
-        r2 = a * a + b * b
-        sensor = np.asarray(ideal * self._radial(r2)[0][..., None])
-        p1, p2 = self.distortion[2:4]
-        if p1 or p2:
-            ab = a * b
-            sensor[..., 0] += 2.0 * p1 * ab + p2 * (r2 + 2.0 * a * a)
-            sensor[..., 1] += p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * ab
-        s1, s2, s3, s4 = self.distortion[8:]
-        if s1 or s2 or s3 or s4:
-            sensor[..., 0] += r2 * (s1 + s2 * r2)
-            sensor[..., 1] += r2 * (s3 + s4 * r2)
-        return sensor
+        return np.stack(brown_sensor(self.distortion, ideal[..., 0], ideal[..., 1]), axis=-1)
 
     def jacobian(self, ideal: Array) -> Array:
-        a, b = ideal[..., 0], ideal[..., 1]
-        r2 = a * a + b * b
-        g, dg = self._radial(r2)
-        slope_a, slope_b = 2.0 * a * dg, 2.0 * b * dg
-        J = np.empty((*np.shape(a), 2, 2))
-        J[..., 0, 0] = g + a * slope_a
-        J[..., 0, 1] = J[..., 1, 0] = a * slope_b
-        J[..., 1, 1] = g + b * slope_b
-        p1, p2 = self.distortion[2:4]
-        if p1 or p2:
-            cross = 2.0 * (p1 * a + p2 * b)
-            J[..., 0, 0] += 2.0 * p1 * b + 6.0 * p2 * a
-            J[..., 0, 1] += cross
-            J[..., 1, 0] += cross
-            J[..., 1, 1] += 6.0 * p1 * b + 2.0 * p2 * a
-        s1, s2, s3, s4 = self.distortion[8:]
-        if s1 or s2 or s3 or s4:
-            twice_ideal = 2.0 * ideal
-            J[..., 0, :] += twice_ideal * (s1 + 2.0 * s2 * r2)[..., None]
-            J[..., 1, :] += twice_ideal * (s3 + 2.0 * s4 * r2)[..., None]
-        return J
+        return pinhole.matrix(ideal, brown_slopes(self.distortion, ideal[..., 0], ideal[..., 1]))
 
     def undistort(self, sensor: Array) -> Array:
         return pinhole.undistort(self, self._inverse, sensor)
@@ -85,12 +53,47 @@ class BrownLens:
     def unproject(self, pixels: Array) -> Array:
         return pinhole.unproject(self, pixels)
 
-    def _radial(self, r2: Array) -> tuple[Array, Array]:
-        """Return the radial factor g and its derivative by r^2."""
-        k1, k2, _, _, k3, k4, k5, k6 = self.distortion[:8]
-        numerator = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        denominator = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
-        d_numerator = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)
-        d_denominator = k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6)
-        g = numerator / denominator
-        return g, (d_numerator - g * d_denominator) / denominator
+
+# The formulas, for numbers and for arrays alike (geometry.jit); k holds the twelve coefficients in OpenCV's order.
+
+
+def brown_sensor(k: Coefficients, a: Numbers, b: Numbers) -> tuple[Numbers, Numbers]:
+    """Return the sensor coordinates (u, v) of ideal (a, b)."""
+    r2 = a * a + b * b
+    g = (1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (1.0 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])))
+    u = a * g + 2.0 * k[2] * a * b + k[3] * (r2 + 2.0 * a * a) + r2 * (k[8] + k[9] * r2)
+    v = b * g + k[2] * (r2 + 2.0 * b * b) + 2.0 * k[3] * a * b + r2 * (k[10] + k[11] * r2)
+    return u, v
+
+
+def brown_slopes(k: Coefficients, a: Numbers, b: Numbers) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+    """Return du/da, du/db, dv/da, dv/db."""
+    r2 = a * a + b * b
+    below = 1.0 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))
+    g = (1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / below
+    g1 = 2.0 * (k[0] + r2 * (2.0 * k[1] + r2 * 3.0 * k[4]) - g * (k[5] + r2 * (2.0 * k[6] + r2 * 3.0 * k[7]))) / below
+    cross = a * b * g1 + 2.0 * (k[2] * a + k[3] * b)
+    prism_u, prism_v = 2.0 * (k[8] + 2.0 * k[9] * r2), 2.0 * (k[10] + 2.0 * k[11] * r2)
+    ua = g + a * a * g1 + 2.0 * k[2] * b + 6.0 * k[3] * a + a * prism_u
+    vb = g + b * b * g1 + 6.0 * k[2] * b + 2.0 * k[3] * a + b * prism_v
+    return ua, cross + b * prism_u, cross + a * prism_v, vb
+
+
+def brown_curvatures(
+    k: Coefficients, a: Numbers, b: Numbers
+) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers, Numbers]:
+    """Return the second derivatives of u by aa, ab, bb, then those of v."""
+    r2 = a * a + b * b
+    below = 1.0 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))
+    below1 = k[5] + r2 * (2.0 * k[6] + r2 * 3.0 * k[7])
+    g = (1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / below
+    by_r2 = (k[0] + r2 * (2.0 * k[1] + r2 * 3.0 * k[4]) - g * below1) / below
+    second = 2.0 * k[1] + r2 * 6.0 * k[4] - 2.0 * by_r2 * below1 - g * (2.0 * k[6] + r2 * 6.0 * k[7])
+    g1, g2 = 2.0 * by_r2, 4.0 * second / below
+    prism_u, prism_v = 2.0 * (k[8] + 2.0 * k[9] * r2), 2.0 * (k[10] + 2.0 * k[11] * r2)
+    aab, abb = b * g1 + a * a * b * g2 + 2.0 * k[2], a * g1 + a * b * b * g2 + 2.0 * k[3]
+    uaa = 3.0 * a * g1 + a * a * a * g2 + 6.0 * k[3] + prism_u + 8.0 * k[9] * a * a
+    vbb = 3.0 * b * g1 + b * b * b * g2 + 6.0 * k[2] + prism_v + 8.0 * k[11] * b * b
+    uab, ubb = aab + 8.0 * k[9] * a * b, abb + prism_u + 8.0 * k[9] * b * b
+    vaa, vab = aab + prism_v + 8.0 * k[11] * a * a, abb + 8.0 * k[11] * a * b
+    return uaa, uab, ubb, vaa, vab, vbb

@@ -43,6 +43,13 @@ def unproject(lens: Lens, pixels: Array) -> Array:
     return lens.undistort((pixels - np.asarray(lens.centre_px)) / np.asarray(lens.focal_px))
 
 
+def matrix(ideal: Array, slopes: tuple[Array, Array, Array, Array]) -> Array:
+    """Return (..., 2, 2) from du/da, du/db, dv/da, dv/db at (..., 2) points."""
+    J = np.empty((*ideal.shape, 2))
+    J[..., 0, 0], J[..., 0, 1], J[..., 1, 0], J[..., 1, 1] = slopes
+    return J
+
+
 def inverse_table(lens: Lens) -> InverseTable:
     """Tabulate the lens along one spoke, and how far its disc of radius ``r_max`` reaches on the sensor."""
     radii = np.linspace(0.0, lens.r_max, _RADII)[1:]
