@@ -69,6 +69,8 @@ class HeadSpec:
     auto_enable: bool = False
     bias_sigma_rad: float = 0.002
     """One sigma per axis of what read-back cannot see: backlash, mounting, zero error; shared by all frames."""
+    needs_anchor: bool = False
+    """Plans keep an anchor in its camera's view."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +83,10 @@ class DroneSpec:
     speed_m_s: float
     position_sigma_m: float = 0.01
     attitude_sigma_rad: float = 0.005
+    yaw_limits_rad: Interval | None = None
+    """Plans choose its yaw within these; None: it keeps the yaw it has."""
+    needs_anchor: bool = False
+    """It navigates by what its camera sees: plans keep an anchor in view."""
 
 
 @dataclass(frozen=True, slots=True, order=True)

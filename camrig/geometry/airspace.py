@@ -53,23 +53,64 @@ def inside_any(points_m: Array, boxes_m: Sequence[Corners]) -> npt.NDArray[np.bo
     return inside
 
 
-def least_distance(start_a: Array, end_a: Array, start_b: Array, end_b: Array) -> float:
-    """Return the least distance between two straight segments, whenever each is flown; (2,) or (3,) points."""
+def widened(boxes_m: Sequence[Corners], margin_m: float) -> list[Corners]:
+    """Return the boxes, every face moved outwards by ``margin_m`` (inwards where it is negative)."""
+    r = margin_m
+    return [((a - r, b - r, c - r), (d + r, e + r, f + r)) for (a, b, c), (d, e, f) in boxes_m]
+
+
+def eased(boxes_m: Sequence[Corners], point_m: Array) -> list[Corners]:
+    """Return the boxes, those that a (3,) point is inside of made so much smaller that it lies on their surface.
+
+    What is found inside of a box may leave it by the way it came in, and not go deeper.
+    """
+    found: list[Corners] = []
+    for low, high in boxes_m:
+        inwards_m = float(np.min([point_m - low, np.asarray(high) - point_m])) + _EPSILON
+        if inwards_m <= _EPSILON:
+            found.append((low, high))
+        elif 2.0 * inwards_m < float(np.min(np.subtract(high, low))):
+            found += widened([(low, high)], -inwards_m)
+    return found
+
+
+def least_distance(start_a: Array, end_a: Array, start_b: Array, end_b: Array) -> Array:
+    """Return the least distances between straight segments, whenever each is flown; broadcastable (..., 2 or 3)."""
+    nearest = np.minimum(_to_segment(start_a, start_b, end_b), _to_segment(end_a, start_b, end_b))
+    nearest = np.minimum(nearest, _to_segment(start_b, start_a, end_a))
+    nearest = np.minimum(nearest, _to_segment(end_b, start_a, end_a))
+    # Between the ends, where both are flown past their point that is nearest to the other's line.
     u, v, w = end_a - start_a, end_b - start_b, start_a - start_b
-    candidates = [_to_segment(p, start_b, end_b) for p in (start_a, end_a)]
-    candidates += [_to_segment(p, start_a, end_a) for p in (start_b, end_b)]
-    uu, uv, vv = float(u @ u), float(u @ v), float(v @ v)
+    uu, uv, vv, uw, vw = _dot(u, u), _dot(u, v), _dot(v, v), _dot(u, w), _dot(v, w)
     det = uu * vv - uv * uv
-    if det > 1e-12 * max(uu * vv, 1e-300):
-        s = (uv * float(v @ w) - vv * float(u @ w)) / det
-        t = (uu * float(v @ w) - uv * float(u @ w)) / det
-        if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0:
-            candidates.append(float(np.linalg.norm(w + s * u - t * v)))
-    return min(candidates)
+    crossing = det > 1e-12 * np.maximum(uu * vv, 1e-300)
+    safe = np.where(crossing, det, 1.0)
+    s, t = (uv * vw - vv * uw) / safe, (uu * vw - uv * uw) / safe
+    crossing &= (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
+    gap = w + s[..., None] * u - t[..., None] * v
+    return np.where(crossing, np.minimum(nearest, np.sqrt(_dot(gap, gap))), nearest)
 
 
-def _to_segment(point: Array, start: Array, end: Array) -> float:
+def _to_segment(point: Array, start: Array, end: Array) -> Array:
     along = end - start
-    length2 = float(along @ along)
-    share = float(np.clip((point - start) @ along / length2, 0.0, 1.0)) if length2 > 0.0 else 0.0
-    return float(np.linalg.norm(point - start - share * along))
+    share = np.clip(_dot(point - start, along) / np.maximum(_dot(along, along), 1e-300), 0.0, 1.0)
+    gap = point - start - share[..., None] * along
+    return np.sqrt(_dot(gap, gap))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.sum(a * b, axis=-1))
+
+
+def crosses_box(origin: Array, point: Array, low: Array, high: Array) -> bool:
+    """Tell whether a straight segment passes through the inside of a box: ``blocked`` for kernels (geometry.jit)."""
+    enter, leave = 0.0, 1.0
+    for k in range(3):
+        step = point[k] - origin[k]
+        if abs(step) < _EPSILON:
+            if origin[k] <= low[k] or origin[k] >= high[k]:
+                return False
+        else:
+            to_low, to_high = (low[k] - origin[k]) / step, (high[k] - origin[k]) / step
+            enter, leave = max(enter, min(to_low, to_high)), min(leave, max(to_low, to_high))
+    return leave - enter > _EPSILON

@@ -9,10 +9,11 @@ from enum import StrEnum
 
 @dataclass(frozen=True, slots=True)
 class HeadAim:
-    """Where a head looks: angles of docs/frames-and-units.md."""
+    """Where a head looks: angles of docs/frames-and-units.md; ``zoom`` is a position of its lens's zoom table."""
 
     pan_rad: float
     tilt_rad: float
+    zoom: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +109,8 @@ class RigPlan:
     solve_s: float
     searching: Mapping[str, str] = field(default_factory=dict)
     """Which camera looks for which lost target: camera id by target id."""
+    mounts: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Where to mount the cameras that are not mounted yet, by camera id, in world metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,3 +152,6 @@ class RigPose:
 
     heads: Mapping[str, HeadAim] = field(default_factory=dict)
     drones: Mapping[str, DroneAim] = field(default_factory=dict)
+    """Drones that fly."""
+    aloft: Mapping[str, DroneAim] = field(default_factory=dict)
+    """The other drones that are not on the ground, where they were last: taking off, landing, not heard of."""

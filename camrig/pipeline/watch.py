@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
+from camrig.geometry.arrays import Transform
 from camrig.geometry.rotation import yaw_of
 from camrig.messages import (
     Aim,
@@ -81,19 +82,26 @@ def knowledge(state: State, targets: tuple[Target, ...], inputs: Inputs, rig: Ri
 
 
 def rig_pose(state: State, now_s: float) -> RigPose:
-    """Return where heads and drones in the air are now, as far as recent readings tell."""
+    """Return where heads and drones are now, as far as recent readings tell, and where else a drone is in the air."""
     heads: dict[str, HeadAim] = {}
     for name, head in state.histories.heads.items():
         found = head.at(now_s)
         if found is not None:
             heads[name] = HeadAim(*(float(angle) for angle in found.angles_rad))
     drones: dict[str, DroneAim] = {}
+    aloft: dict[str, DroneAim] = {}
     for name, drone in state.histories.drones.items():
         placed = drone.at(now_s)
         if placed is not None and state.flight.get(name) is FlightState.FLYING:
-            x, y, z = (float(value) for value in placed[0][:3, 3])
-            drones[name] = DroneAim((x, y, z), yaw_of(placed[0][:3, :3]))
-    return RigPose(heads, drones)
+            drones[name] = _drone_aim(placed[0])
+        elif drone.readings and drone.readings[-1].flight is not FlightState.GROUND:
+            aloft[name] = _drone_aim(drone.readings[-1].T_world_body)
+    return RigPose(heads, drones, aloft)
+
+
+def _drone_aim(T_world_body: Transform) -> DroneAim:
+    x, y, z = (float(value) for value in T_world_body[:3, 3])
+    return DroneAim((x, y, z), yaw_of(T_world_body[:3, :3]))
 
 
 def held_events(held: Mapping[str, str], now_s: float) -> tuple[Event, ...]:

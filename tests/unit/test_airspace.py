@@ -32,6 +32,19 @@ def test_a_flight_box_never_begins_below_one_metre() -> None:
     assert high.tolist() == [5.0, 3.0, 2.5]
 
 
+def test_from_inside_a_box_the_way_out_is_free_and_the_way_deeper_is_not() -> None:
+    box, inside = ((0.0, 0.0, 0.0), (2.0, 2.0, 2.0)), np.array([0.1, 1.0, 1.0])
+    out, through = np.array([-1.0, 1.5, 1.0]), np.array([3.0, 1.0, 1.0])
+    assert airspace.blocked(inside, np.array([out, through]), airspace.eased([box], inside)).tolist() == [False, True]
+    assert airspace.eased([box], out) == [box]
+    assert airspace.eased([box], np.array([1.0, 1.0, 1.0])) == []
+
+
+def test_a_widened_box_reaches_further_on_every_side() -> None:
+    (low, high) = airspace.widened([((0.0, 0.0, 0.0), (2.0, 2.0, 2.0))], 0.5)[0]
+    assert (low, high) == ((-0.5, -0.5, -0.5), (2.5, 2.5, 2.5))
+
+
 COORDINATE = st.floats(-3.0, 3.0)
 POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE).map(np.array)
 

@@ -97,6 +97,19 @@ def test_a_drone_that_does_not_fly_is_not_in_the_pose_and_takes_no_part(flight: 
     assert not found.complete
 
 
+@pytest.mark.parametrize("flight", [state for state in FlightState if state is not FlightState.FLYING])
+def test_a_drone_that_is_not_on_the_ground_is_kept_clear_of(flight: FlightState) -> None:
+    aloft = rig_pose(all_up(flight=flight), NOW_S).aloft
+    assert set(aloft) == (set() if flight is FlightState.GROUND else {"d1"})
+
+
+def test_a_flying_drone_that_is_not_heard_of_is_kept_clear_of_where_it_was_last() -> None:
+    assert rig_pose(all_up(), NOW_S).aloft == {}
+    lost = taken(all_up(), up("d1", status=LinkStatus.LOST))
+    for pose in (rig_pose(all_up(), NOW_S + 60.0), rig_pose(lost, NOW_S + 60.0)):
+        assert pose.aloft["d1"].position_m == pytest.approx((2.0, 1.0, 1.5))
+
+
 def test_a_drone_whose_link_is_lost_is_not_taken_to_fly() -> None:
     state = taken(all_up(), up("d1", status=LinkStatus.LOST))
     assert state.flight["d1"] is FlightState.UNKNOWN
