@@ -1,7 +1,8 @@
-"""A leak fails the test: threads, descriptors and child processes left behind by it."""
+"""A leak fails the test: threads, descriptors and child processes left behind by it. Kernels are never stale."""
 
 from __future__ import annotations
 
+import io
 import os
 import threading
 import time
@@ -12,12 +13,31 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+import camrig
+
 # Exploration is for people: where a run decides whether a change lands, every run draws the same examples.
 settings.register_profile("ci", derandomize=True)
 if os.environ.get("CI"):
     settings.load_profile("ci")
 
 _GRACE_S = 2.0
+
+_KERNELS = ("geometry", "sensing", "optimise/kernels")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Throw away compiled kernels that are older than any kernel's source.
+
+    numba keeps each by the stamp of its own file: a change in a function of another file that it calls goes unnoticed,
+    and what was tested would be the old code. Not in a worker of pytest-xdist: others may be compiling by then.
+    """
+    if hasattr(config, "workerinput"):
+        return
+    package = Path(camrig.__file__).parent
+    newest = max(source.stat().st_mtime for part in _KERNELS for source in (package / part).rglob("*.py"))
+    for kept in package.rglob("__pycache__/*.nb?"):
+        if kept.stat().st_mtime < newest:
+            kept.unlink(missing_ok=True)
 
 
 def _threads() -> set[str]:
@@ -64,3 +84,15 @@ def shared_data() -> Path:
     if not folder:
         pytest.skip("CAMRIG_TEST_DATA is not set: no shared pictures, scenes and vectors")
     return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def picture_fonts() -> None:
+    """Have matplotlib open its fonts: it keeps them open, which is no leak of the test that first draws."""
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    for number, weight in enumerate(("normal", "bold")):
+        figure.text(0.5, 0.3 * number, "words", fontfamily="DejaVu Sans", fontweight=weight)
+    for ending in ("png", "svg"):
+        figure.savefig(io.BytesIO(), format=ending)

@@ -1,8 +1,8 @@
-"""Poses worth trying, from the geometry of the targets; the search picks one for each camera. Pure.
+"""Vectors worth trying, from the geometry of the targets; the search picks one for each camera. Pure.
 
 The paper's optimum mostly has two targets exactly on the edge of a field of view, so the axes that put two targets
 there are candidates, for heads. For drones it is the points above targets, their pairs and triples, at the heights
-at which they just fit, and a grid.
+at which they just fit, and a grid. A large scene takes fewer of each: ``effort`` bounds the vectors of one camera.
 """
 
 from __future__ import annotations
@@ -12,71 +12,117 @@ import math
 
 import numpy as np
 
-from camrig.geometry.airspace import inside_any
 from camrig.geometry.arrays import Array
-from camrig.optimise.places import bounds, camera_poses, head_vectors, within
-from camrig.optimise.scene import DronePlace, FixedPlace, HeadPlace, SceneCamera
-from camrig.optimise.sight import Problem, alpha_rad, gains
+from camrig.optimise.kernels.pose import lens_of, pose_of
+from camrig.optimise.kernels.problem import MARGIN, PAN, POINT, VARIABLES, ZOOM, Ints, Problem, X, Y, Z
+from camrig.optimise.kernels.vertex import vertices
+from camrig.optimise.places import head_vectors, within
+from camrig.sensing.lens_row import ALPHA
+from camrig.sensing.view import side_angles
 
-_FLOOR_STEPS = 12
+_FLOOR_AIMS, _FLOOR_LOOKS = (81, 400), 4_000
+"""Fewest and most aims at a grid on the floor; small scenes can afford to look at more of them."""
+_SCAN_STEPS = 12
+_AROUND = 0.25
+"""An axis may well point beside all targets, by this share of their extent."""
 _HEIGHTS = 5
 _STEP_M = 0.25
 _MOST_STEPS = 24
 _SCAN_STEP_M = 0.5
 _SCAN_HEIGHTS = 2
 _MOST_TRIPLES = 600
+_MOST_PAIRS = 200
+_MOST_VERTEX_PAIRS = 60
+_MOST_MOUNTS = 48
+_CLUSTERS = (3, 4, 6, 8, 10, 13, 16, 20)
 _ALMOST = 1.0 - 1e-9
+_YAWS = 4
 
 
-def candidates(problem: Problem, camera: SceneCamera) -> Array:
-    """Return (K, d) vectors inside the camera's limits, K >= 1; a drone's keep out of the keep-out boxes."""
-    match camera.place:
-        case HeadPlace() as place:
-            return _head_candidates(problem, camera, place)
-        case DronePlace() as place:
-            return _drone_candidates(problem, camera, place)
-        case FixedPlace():
-            return np.zeros((1, 0))
+def candidates(problem: Problem, i: int, reachable: Ints, effort: int) -> Array:
+    """Return (K, 6) vectors inside the limits of camera ``i``; a camera with nothing free has one."""
+    free = problem.low[i] < problem.high[i]
+    points = problem.points[reachable]
+    if problem.needs_anchor[i]:  # where no target takes it, an anchor must
+        points = np.concatenate([points, problem.anchors[:, POINT : POINT + 3]])
+    if not free.any() or not len(points):
+        return np.asarray((problem.low[i] + problem.high[i]) / 2.0)[None]
+    if problem.separation_m[i] >= 0.0:
+        return _thinned(_drone_candidates(problem, i, points, effort), effort)
+    if free[: Z + 1].any():
+        return _mounted_candidates(problem, i, points, effort)
+    stands = problem.low[i, : Z + 1]
+    vectors = _thinned(_head_candidates(problem, i, stands, points, effort), effort)
+    return np.concatenate([vectors, _vertices(problem, i, stands, reachable)])
 
 
-def floor_views(problem: Problem, camera: SceneCamera) -> Array:
-    """Return (K, d) vectors spread evenly over what a camera can look at: for a scan of the targets' whole extent."""
-    match camera.place:
-        case HeadPlace() as place:
-            origin = _nominal_position(place)
-            return np.unique(head_vectors(place, _towards_floor(problem.targets.points_m, origin)).round(6), axis=0)
-        case DronePlace() as place:
-            return _outside(problem, _box_grid(place, _SCAN_STEP_M, _SCAN_HEIGHTS))
-        case FixedPlace():
-            return np.zeros((1, 0))
+def floor_views(problem: Problem, i: int) -> Array:
+    """Return (K, 6) vectors spread evenly over what a camera can look at: for a scan of the targets' whole extent."""
+    if problem.separation_m[i] >= 0.0:
+        return _outside(problem, _box_grid(problem, i, _SCAN_STEP_M, _SCAN_HEIGHTS))
+    stands = problem.low[i, : Z + 1]
+    directions = _towards_floor(problem.points, _eye(problem, i, stands), _SCAN_STEPS)
+    return np.unique(head_vectors(problem, i, stands, directions, 0.0).round(6), axis=0)
 
 
-def useful(problem: Problem, camera: SceneCamera, vectors: Array) -> tuple[Array, Array]:
-    """Return the vectors that see anything, and their (K, m) gains; where none does, the first alone."""
-    table = gains(problem, camera, vectors)
-    rows = np.flatnonzero(table.any(axis=1))
-    rows = rows if rows.size else np.array([0])
-    return vectors[rows], table[rows]
+def _thinned(vectors: Array, effort: int) -> Array:
+    """Return at most ``effort`` of the vectors, evenly out of the whole list."""
+    if len(vectors) <= effort:
+        return vectors
+    return np.asarray(vectors[np.linspace(0, len(vectors) - 1, effort).astype(int)])
 
 
-def _head_candidates(problem: Problem, camera: SceneCamera, place: HeadPlace) -> Array:
-    origin = _nominal_position(place)
-    rays = problem.targets.points_m - origin
+def _head_candidates(problem: Problem, i: int, stands: Array, points: Array, effort: int) -> Array:
+    rays = points - _eye(problem, i, stands)
     u = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-9)
-    first, second = np.triu_indices(len(u), k=1)
-    directions = [u]
+    first, second = _some_pairs(len(u), effort // 5)
+    aims = [u]
     if first.size:
         middles, normals, half = _pairs(u[first], u[second])
-        directions.append(middles)
-        for edge_rad in _edges(problem, camera):
+        for edge_rad in _edges(problem, i, stands):
             reach = np.arccos(np.clip(math.cos(edge_rad) / np.cos(half), -1.0, 1.0))
             fits = half < edge_rad
-            for share in (_ALMOST, 0.5):
-                turn = (reach * share)[fits, None]
-                across = np.sin(turn) * normals[fits]
-                directions += [np.cos(turn) * middles[fits] + across, np.cos(turn) * middles[fits] - across]
-    directions.append(_towards_floor(problem.targets.points_m, origin))
-    return head_vectors(place, np.concatenate(directions))
+            turn = (reach * _ALMOST)[fits, None]
+            across = np.sin(turn) * normals[fits]
+            aims += [np.cos(turn) * middles[fits] + across, np.cos(turn) * middles[fits] - across]
+    aims.append(_cluster_middles(u, effort // 4))
+    looks = _FLOOR_LOOKS // (len(problem.cameras) * len(points))
+    steps = math.isqrt(int(np.clip(looks, min(_FLOOR_AIMS[0], effort // 4), _FLOOR_AIMS[1])))
+    aims.append(_towards_floor(points, _eye(problem, i, stands), max(steps, 3)))
+    directions = np.concatenate(aims)
+    zooms = np.linspace(0.0, problem.high[i, ZOOM], 1 + min(4, 2 * int(problem.high[i, ZOOM])))
+    return np.concatenate([head_vectors(problem, i, stands, directions, float(zoom)) for zoom in zooms])
+
+
+def _mounted_candidates(problem: Problem, i: int, points: Array, effort: int) -> Array:
+    """Return aims from places all over the box in which the head may be mounted."""
+    low, high = problem.low[i, : Z + 1], problem.high[i, : Z + 1]
+    free = int((low < high).sum())
+    steps = max(2, round(_MOST_MOUNTS ** (1.0 / free)))
+    axes = [np.linspace(a, b, steps) if a < b else np.array([a]) for a, b in zip(low, high, strict=True)]
+    places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    each = max(24, 2 * effort // len(places))
+    return np.concatenate([_thinned(_head_candidates(problem, i, place, points, each), each) for place in places])
+
+
+def _some_pairs(count: int, most: int) -> tuple[Ints, Ints]:
+    """Return the pairs of ``count`` things, thinned out evenly to ``most``."""
+    if count * (count - 1) // 2 <= min(most, _MOST_PAIRS):
+        return np.triu_indices(count, k=1)
+    few = max(2, math.isqrt(2 * min(most, _MOST_PAIRS)))
+    chosen = np.linspace(0, count - 1, min(few, count)).astype(np.int64)
+    first, second = np.triu_indices(len(chosen), k=1)
+    return chosen[first], chosen[second]
+
+
+def _vertices(problem: Problem, i: int, stands: Array, reachable: Ints) -> Array:
+    """Return the aims that put two targets on two sides of the picture; none where those are too many."""
+    first, second = np.triu_indices(len(reachable), k=1)
+    if problem.cone or not len(first) or len(problem.cameras) * len(first) > _MOST_VERTEX_PAIRS:
+        return np.zeros((0, VARIABLES))
+    pairs = np.column_stack([reachable[first], reachable[second]])
+    middles = problem.points[pairs].mean(axis=1) - _eye(problem, i, stands)
+    return vertices(problem, i, head_vectors(problem, i, stands, middles, 0.0), pairs)
 
 
 def _pairs(u: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -87,56 +133,80 @@ def _pairs(u: Array, v: Array) -> tuple[Array, Array, Array]:
     return middles, normals, np.arccos(np.clip((u * v).sum(axis=1), -1.0, 1.0)) / 2.0
 
 
-def _edges(problem: Problem, camera: SceneCamera) -> list[float]:
+def _cluster_middles(u: Array, most: int) -> Array:
+    """Return the directions in the middle of each target's nearest neighbours, two, three … of them: to see many."""
+    centres = u if len(u) <= most // 4 else u[np.linspace(0, len(u) - 1, max(1, most // 4)).astype(int)]
+    nearest = np.argsort(-centres @ u.T, axis=1)
+    counts = sorted({min(count, len(u)) for count in _CLUSTERS})
+    lows = np.minimum.accumulate(u[nearest], axis=1)[:, [count - 1 for count in counts]]
+    highs = np.maximum.accumulate(u[nearest], axis=1)[:, [count - 1 for count in counts]]
+    return ((lows + highs) / 2.0).reshape(-1, 3)
+
+
+def _edges(problem: Problem, i: int, stands: Array) -> list[float]:
     """Return the angles off the axis at which a field of view ends: one of a cone, those of an image's sides."""
-    margin_rad = problem.settings.margin_rad
-    if problem.settings.visibility == "cone":
-        return [alpha_rad(camera) - margin_rad]
-    (width, height), (cx, cy) = camera.lens.size_px, camera.lens.centre_px
-    sides = camera.lens.unproject(np.array([[0.0, cy], [width, cy], [cx, 0.0], [cx, height]]))
-    angles = np.arctan(np.nan_to_num(np.linalg.norm(sides, axis=1), nan=camera.lens.r_max)) - margin_rad
-    return sorted({round(float(angle), 3) for angle in angles if angle > 0.0})
+    vector = np.zeros(VARIABLES)
+    vector[: Z + 1] = stands
+    lens, margin_rad = lens_of(problem.cameras[i], problem.lenses, vector), float(problem.settings[MARGIN])
+    if problem.cone:
+        return [float(lens[ALPHA]) - margin_rad]
+    return sorted({round(angle - margin_rad, 3) for angle in side_angles(lens) if angle > margin_rad})
 
 
-def _towards_floor(points_m: Array, origin: Array) -> Array:
+def _towards_floor(points: Array, origin: Array, steps: int) -> Array:
     """Return directions from ``origin`` to a grid over the targets' extent, at their mean height."""
-    low, high = points_m.min(axis=0), points_m.max(axis=0)
-    x, y = np.meshgrid(np.linspace(low[0], high[0], _FLOOR_STEPS), np.linspace(low[1], high[1], _FLOOR_STEPS))
-    grid = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, points_m[:, 2].mean())])
-    return np.asarray(grid - origin)
+    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = low - _AROUND * (high - low), high + _AROUND * (high - low)
+    x, y = np.meshgrid(np.linspace(low[0], high[0], steps), np.linspace(low[1], high[1], steps))
+    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, points[:, 2].mean())]) - origin
 
 
-def _drone_candidates(problem: Problem, camera: SceneCamera, place: DronePlace) -> Array:
-    ground = problem.targets.points_m
-    offset = camera_poses(place, np.zeros((1, 3)))[1][0]
-    slopes = [math.tan(edge_rad) for edge_rad in _edges(problem, camera)]
-    grid = _box_grid(place, _STEP_M, _HEIGHTS)
-    centres, radii = _circles(ground[:, :2])
-    above = [grid]
-    for slope in slopes:
-        z = ground[:, 2].mean() + radii / (slope * _ALMOST)
-        above.append(np.column_stack([centres, z]) - offset)
-    above.append(_columns(ground[:, :2], np.unique(grid[:, 2])) - offset)
-    return _outside(problem, within(place, np.concatenate(above)))
+def _drone_candidates(problem: Problem, i: int, points: Array, effort: int) -> Array:
+    vector = ((problem.low[i] + problem.high[i]) / 2.0)[None]
+    offset = _eye(problem, i, vector[0, : Z + 1]) - vector[0, : Z + 1]
+    grid = _box_grid(problem, i, _STEP_M * max(1.0, math.sqrt(2500.0 / effort)), _HEIGHTS)[:, : Z + 1]
+    centres, radii = _circles(_thinned(points[:, :2], max(3, math.isqrt(effort) // 2)))
+    places = [grid]
+    for edge_rad in _edges(problem, i, vector[0, : Z + 1]):
+        heights = points[:, 2].mean() + radii / (math.tan(edge_rad) * _ALMOST)
+        places.append(np.column_stack([centres, heights]) - offset)
+    places.append(_columns(_thinned(points[:, :2], effort // 8), np.unique(grid[:, 2])) - offset)
+    everywhere = np.concatenate(places)
+    yaws = _yaws(problem, i)
+    vectors = np.zeros((len(everywhere) * len(yaws), VARIABLES))
+    vectors[:, : Z + 1] = np.repeat(everywhere, len(yaws), axis=0)
+    vectors[:, PAN] = np.tile(yaws, len(everywhere))
+    return _outside(problem, within(problem, i, vectors))
+
+
+def _yaws(problem: Problem, i: int) -> Array:
+    low, high = problem.low[i, PAN], problem.high[i, PAN]
+    return np.linspace(low, high, _YAWS, endpoint=high - low < math.pi) if low < high else np.array([low])
 
 
 def _outside(problem: Problem, vectors: Array) -> Array:
     """Return the drone's places outside the keep-out boxes; one inside where there are no others."""
-    free = vectors[~inside_any(vectors, problem.keep_out_m)]
+    at = vectors[:, None, : Z + 1]
+    inside = np.any(np.all((at > problem.boxes[:, 0]) & (at < problem.boxes[:, 1]), axis=2), axis=1)
+    free = vectors[~inside]
     return free if len(free) else vectors[:1]
 
 
-def _box_grid(place: DronePlace, step_m: float, heights: int) -> Array:
-    low, high = bounds(place)
-    steps = np.clip(np.ceil((high - low)[:2] / step_m).astype(int) + 1, 2, _MOST_STEPS)
-    axes = [np.linspace(low[i], high[i], steps[i]) for i in range(2)]
-    return np.stack(np.meshgrid(*axes, np.linspace(low[2], high[2], heights)), axis=-1).reshape(-1, 3)
+def _box_grid(problem: Problem, i: int, step_m: float, heights: int) -> Array:
+    low, high = problem.low[i, : Z + 1], problem.high[i, : Z + 1]
+    steps = np.clip(np.ceil((high - low)[:Z] / step_m).astype(int) + 1, 2, _MOST_STEPS)
+    axes = [np.linspace(low[axis], high[axis], steps[axis]) for axis in (X, Y)]
+    places = np.stack(np.meshgrid(*axes, np.linspace(low[Z], high[Z], heights)), axis=-1).reshape(-1, 3)
+    vectors = np.zeros((len(places), VARIABLES))
+    vectors[:, : Z + 1], vectors[:, PAN] = places, (problem.low[i, PAN] + problem.high[i, PAN]) / 2.0
+    return vectors
 
 
-def _nominal_position(place: HeadPlace) -> Array:
-    """Return where the camera is, axis offsets apart, whatever it looks at."""
-    low, high = bounds(place)
-    return np.asarray(camera_poses(place, ((low + high) / 2.0)[None])[1][0])
+def _eye(problem: Problem, i: int, stands: Array) -> Array:
+    """Return about where the camera is (axis offsets apart), whatever it looks at."""
+    vector = (problem.low[i] + problem.high[i]) / 2.0
+    vector[: Z + 1] = stands
+    return pose_of(problem.cameras[i], vector)[1]
 
 
 def _columns(xy: Array, heights: Array) -> Array:

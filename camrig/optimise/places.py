@@ -1,117 +1,128 @@
-"""A camera's free variables as a vector: its pose, its limits, and back to an aim. Vectorised over vectors.
-
-Heads: (pan, tilt) in radians. Drones: (x, y, z) in metres. Fixed cameras: nothing.
-"""
+"""A camera's place as a vector of kernels.problem: its limits, its frames, and aims there and back. Pure."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from camrig.geometry.airspace import flight_box
-from camrig.geometry.arrays import Array
-from camrig.geometry.rotation import rotation_z
+from camrig.geometry.arrays import Array, Transform
 from camrig.messages import Aim, DroneAim, HeadAim
-from camrig.optimise.scene import DronePlace, FixedPlace, HeadPlace, Place
+from camrig.optimise.kernels.pose import pose_of
+from camrig.optimise.kernels.problem import ARM_R, BASE_R, CAMERA_R, PAN, TILT, VARIABLES, ZOOM, Problem, Z
+from camrig.optimise.scene import DronePlace, FixedPlace, HeadPlace, Place, SceneCamera
 
 
-def camera_poses(place: Place, vectors: Array) -> tuple[Array, Array]:
-    """Return R_world_camera (K, 3, 3) and the camera's world position (K, 3) for (K, d) vectors."""
+class Frames(NamedTuple):
+    """What of a place no variable changes: R_world_base (3, 3), T_arm_tilt and T_mount_camera (4, 4)."""
+
+    base_R: Array
+    arm: Transform
+    camera: Transform
+
+
+def frames(place: Place) -> Frames:
+    """Return the fixed frames: a drone is a head whose pan is the yaw, a bolted camera a head that stands still."""
     match place:
-        case HeadPlace():
-            return _head_poses(place, vectors)
-        case DronePlace():
-            R_world_body = rotation_z(place.yaw_rad)
-            R = R_world_body @ place.T_body_camera[:3, :3]
-            return np.broadcast_to(R, (len(vectors), 3, 3)), vectors + R_world_body @ place.T_body_camera[:3, 3]
-        case FixedPlace():
-            T = place.T_world_camera
-            count = len(vectors)
-            return np.broadcast_to(T[:3, :3], (count, 3, 3)), np.broadcast_to(T[:3, 3], (count, 3))
+        case HeadPlace(kinematics=kinematics, T_mount_camera=T_mount_camera):
+            return Frames(kinematics.T_world_base[:3, :3], kinematics.T_arm_tilt, T_mount_camera)
+        case DronePlace(T_body_camera=T_body_camera):
+            return Frames(np.eye(3), np.eye(4), T_body_camera)
+        case FixedPlace(T_world_camera=T_world_camera):
+            return Frames(T_world_camera[:3, :3], np.eye(4), np.eye(4))
 
 
 def bounds(place: Place) -> tuple[Array, Array]:
-    """Return the (d,) lowest and highest vector."""
+    """Return the (6,) lowest and highest vector; the zoom, which is the camera's, is 0 in both."""
+    low, high = np.zeros(VARIABLES), np.zeros(VARIABLES)
     match place:
-        case HeadPlace():
-            low, high = zip(place.pan_limits_rad, place.tilt_limits_rad, strict=True)
-            return np.array(low), np.array(high)
-        case DronePlace():
-            return flight_box(place.box_m)
-        case FixedPlace():
-            return np.zeros(0), np.zeros(0)
+        case HeadPlace(kinematics=kinematics, mount_m=mount_m):
+            stands = kinematics.T_world_base[:3, 3]
+            low[: Z + 1], high[: Z + 1] = mount_m or (stands, stands)
+            (low[PAN], high[PAN]), (low[TILT], high[TILT]) = place.pan_limits_rad, place.tilt_limits_rad
+        case DronePlace(box_m=box_m, yaw_rad=yaw_rad, yaw_limits_rad=yaw_limits_rad):
+            low[: Z + 1], high[: Z + 1] = flight_box(box_m)
+            low[PAN], high[PAN] = yaw_limits_rad or (yaw_rad, yaw_rad)
+        case FixedPlace(T_world_camera=T_world_camera):
+            low[: Z + 1] = high[: Z + 1] = T_world_camera[:3, 3]
+    return low, high
 
 
-def within(place: Place, vectors: Array) -> Array:
-    """Return (K, d) vectors brought inside the bounds: a pan by whole turns where that helps, then clamped."""
-    low, high = bounds(place)
-    if isinstance(place, HeadPlace):
-        middle = (low[0] + high[0]) / 2.0
-        turned = middle + (vectors[:, 0] - middle + math.pi) % (2.0 * math.pi) - math.pi
-        inside = (vectors[:, 0] >= low[0]) & (vectors[:, 0] <= high[0])
-        vectors = np.column_stack([np.where(inside, vectors[:, 0], turned), vectors[:, 1]])
+def within(problem: Problem, i: int, vectors: Array) -> Array:
+    """Return (K, 6) vectors inside the limits of camera ``i``: a pan by whole turns if that helps, then clamped."""
+    low, high = problem.low[i], problem.high[i]
+    vectors = vectors.copy()
+    pan = vectors[:, PAN]
+    middle = (low[PAN] + high[PAN]) / 2.0
+    turned = middle + (pan - middle + math.pi) % (2.0 * math.pi) - math.pi
+    vectors[:, PAN] = np.where((pan >= low[PAN]) & (pan <= high[PAN]), pan, turned)
     return np.clip(vectors, low, high)
 
 
-def aim_of(place: Place, vector: Array) -> Aim | None:
+def vector_of(camera: SceneCamera, aim: Aim | None) -> Array | None:
+    """Return the (6,) vector of an aim; None where the aim is unknown or of another kind of camera.
+
+    A head that is still to be mounted has no vector: an aim does not say where it stands.
+    """
+    vector, _ = bounds(camera.place)
+    match camera.place, aim:
+        case HeadPlace(mount_m=None), HeadAim(pan_rad=pan_rad, tilt_rad=tilt_rad, zoom=zoom):
+            vector[PAN], vector[TILT] = pan_rad, tilt_rad
+            if camera.zoom:
+                at = camera.zoom[0].position if zoom is None else zoom
+                vector[ZOOM] = np.interp(at, [step.position for step in camera.zoom], np.arange(len(camera.zoom)))
+        case DronePlace(), DroneAim(position_m=position_m, yaw_rad=yaw_rad):
+            vector[: Z + 1], vector[PAN] = position_m, yaw_rad
+        case FixedPlace(), _:
+            pass
+        case _:
+            return None
+    return vector
+
+
+def aim_of(camera: SceneCamera, vector: Array) -> Aim | None:
     """Return the aim that a vector means; None for a fixed camera."""
-    match place:
+    match camera.place:
         case HeadPlace():
-            return HeadAim(float(vector[0]), float(vector[1]))
+            zoom = None
+            if camera.zoom:
+                positions = [step.position for step in camera.zoom]
+                zoom = float(np.interp(vector[ZOOM], np.arange(len(positions)), positions))
+            return HeadAim(float(vector[PAN]), float(vector[TILT]), zoom)
         case DronePlace():
-            x, y, z = (float(value) for value in vector)
-            return DroneAim((x, y, z), place.yaw_rad)
+            x, y, z = (float(value) for value in vector[: Z + 1])
+            return DroneAim((x, y, z), float(vector[PAN]))
         case FixedPlace():
             return None
 
 
-def vector_of(place: Place, aim: Aim | None) -> Array | None:
-    """Return the (d,) vector of an aim; None where the aim is unknown or of another kind of camera."""
-    match place, aim:
-        case HeadPlace(), HeadAim(pan_rad=pan_rad, tilt_rad=tilt_rad):
-            return np.array([pan_rad, tilt_rad])
-        case DronePlace(), DroneAim(position_m=position_m):
-            return np.array(position_m, dtype=float)
-        case FixedPlace(), _:
-            return np.zeros(0)
-        case _:
-            return None
-
-
-def head_vectors(place: HeadPlace, directions: Array) -> Array:
-    """Return the (K, 2) pans and tilts, inside the limits, whose optical axes best follow (K, 3) world directions.
+def head_vectors(problem: Problem, i: int, stands: Array, directions: Array, zoom: float) -> Array:
+    """Return the (K, 6) vectors, inside the limits, of a head standing at (3,) whose optical axes best follow
+    (K, 3) world directions.
 
     A camera that does not look along the mount's x is met by correcting the angles by what its axis misses.
     """
-    wanted = _angles(directions @ place.kinematics.T_world_base[:3, :3])
-    vectors = wanted
-    for _ in range(3):
-        axis = camera_poses(place, vectors)[0][:, :, 2] @ place.kinematics.T_world_base[:3, :3]
-        missed = wanted - _angles(axis)
-        missed[:, 0] = (missed[:, 0] + math.pi) % (2.0 * math.pi) - math.pi
-        vectors = vectors + missed
-    return within(place, vectors)
+    R_base = problem.cameras[i, BASE_R : BASE_R + 9].reshape(3, 3)
+    vectors = np.zeros((len(directions), VARIABLES))
+    vectors[:, : Z + 1], vectors[:, ZOOM] = stands, zoom
+    wanted = _angles(directions @ R_base)
+    vectors[:, PAN : TILT + 1] = wanted
+    if not _looks_ahead(problem, i):
+        for _ in range(3):
+            axis = np.array([pose_of(problem.cameras[i], u)[0][:, 2] for u in vectors]) @ R_base
+            missed = wanted - _angles(axis)
+            missed[:, 0] = (missed[:, 0] + math.pi) % (2.0 * math.pi) - math.pi
+            vectors[:, PAN : TILT + 1] += missed
+    return within(problem, i, vectors)
+
+
+def _looks_ahead(problem: Problem, i: int) -> bool:
+    arm_R, camera_R = (problem.cameras[i, at : at + 9].reshape(3, 3) for at in (ARM_R, CAMERA_R))
+    return bool(np.abs(arm_R - np.eye(3)).max() < 1e-12 and np.abs(camera_R[:, 2] - [1.0, 0.0, 0.0]).max() < 1e-12)
 
 
 def _angles(directions: Array) -> Array:
     x, y, z = directions[:, 0], directions[:, 1], directions[:, 2]
     return np.column_stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
-
-
-def _head_poses(place: HeadPlace, vectors: Array) -> tuple[Array, Array]:
-    base, arm, camera = place.kinematics.T_world_base, place.kinematics.T_arm_tilt, place.T_mount_camera
-    R_world_arm = base[:3, :3] @ _turns(vectors[:, 0], 0, 1)
-    # Tilt is positive up: a rotation about -y, that is from x towards z.
-    R_world_mount = R_world_arm @ arm[:3, :3] @ _turns(vectors[:, 1], 0, 2)
-    positions = base[:3, 3] + R_world_arm @ arm[:3, 3] + R_world_mount @ camera[:3, 3]
-    return R_world_mount @ camera[:3, :3], positions
-
-
-def _turns(angles_rad: Array, start: int, end: int) -> Array:
-    """Return (K, 3, 3) rotations that turn axis ``start`` towards axis ``end``."""
-    R = np.broadcast_to(np.eye(3), (len(angles_rad), 3, 3)).copy()
-    R[:, start, start] = R[:, end, end] = np.cos(angles_rad)
-    R[:, end, start] = np.sin(angles_rad)
-    R[:, start, end] = -R[:, end, start]
-    return R

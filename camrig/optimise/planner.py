@@ -2,39 +2,72 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array
 from camrig.geometry.assignment import least_travel
-from camrig.messages import Aim, PlanStatus, RigPlan, TargetQuality
-from camrig.optimise.candidates import candidates, useful
-from camrig.optimise.configuration import Configuration, configuration, permitted, separations
+from camrig.messages import Aim, PlanStatus, RigPlan
+from camrig.optimise.answer import as_plan, nothing_to_do
+from camrig.optimise.certificate import certified_infeasible
+from camrig.optimise.check import check_aims
+from camrig.optimise.configuration import Configuration, Task, configuration, permitted, task_of
 from camrig.optimise.hysteresis import settle
-from camrig.optimise.objective import better, scores
-from camrig.optimise.places import aim_of, vector_of, within
-from camrig.optimise.polish import Expired, polish
-from camrig.optimise.scene import DronePlace, Scene, SceneCamera, with_yaws
-from camrig.optimise.search import Table, descend, greedy_start, random_start, totals
-from camrig.optimise.sight import Indices, Problem, problem_of
+from camrig.optimise.kernels.descent import Table
+from camrig.optimise.kernels.problem import Problem, Z
+from camrig.optimise.objective import better
+from camrig.optimise.places import vector_of, within
+from camrig.optimise.polish import compass, finish, kicked, slsqp
+from camrig.optimise.problem import problem_of
+from camrig.optimise.scene import DronePlace, Scene, kind, with_yaws
+from camrig.optimise.search import Expired, Start, search, table_of
+from camrig.optimise.widen import widened
 
-_GREEDY_STARTS = 4
-_RANDOM_STARTS = (16, 64)
-_START_WORK = 2_000_000
-"""Gains looked at in one sweep of all starts: small scenes can afford more starts."""
 
-_POLISHED = 3
-_HOPELESS_SHARE = 0.25
-"""Polishing gains less than this: a start that is worse by more than this cannot win."""
+class _Effort(NamedTuple):
+    """How many greedy and random starts descend, how many of them are polished roughly and then well, and kicks."""
+
+    greedy: int
+    starts: int
+    rough: int
+    polished: int
+    kicks: int
+
+
+_PLAIN, _HARD, _HARDEST = _Effort(3, 8, 5, 2, 10), _Effort(3, 16, 8, 4, 60), _Effort(3, 24, 10, 6, 30)
+"""For the cone; for the image, whose edges make many more local optima; for the worst target, with more still."""
+_LARGE = _Effort(1, 0, 1, 1, 0)
+"""For a rig in which hardly anybody shares a target: there, one start is nearly as good as many."""
+_START_WORK = 1_200_000
+"""Entries of all candidates' rows that the random starts together may look at in one sweep."""
+_EMPHASIS = 0.3
+_KICK_WORK = 1_500
+"""Rounds of kicks times cameras times pairs that can see each other."""
+_WIDENED_PAIRS = 500
 _SAME_SHARE = 0.005
+_ADOPTED_SHARE = 0.025
+"""A plan from elsewhere is followed instead of one from where the rig is if it is better by more than this share."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What a second of motion must bring, and how fast each camera turns (rad/s) or flies (m/s), by id."""
+
+    cost_per_s: float = 0.0
+    speeds: Mapping[str, float] | None = None
 
 
 def plan(
     scene: Scene,
     *,
     start: Mapping[str, Aim] | None = None,
+    proposals: Sequence[Mapping[str, Aim]] = (),
+    quick: bool = False,
+    motion: Motion = Motion(),
     deadline_s: float = float("inf"),
     seed: int = 0,
     now: Callable[[], float],
@@ -42,188 +75,208 @@ def plan(
     """Find where every camera should look or hover; never worse than ``start``, where that is a permitted rig.
 
     ``start`` holds the running aims by camera id. Where it has all of them, ``settings.gain`` decides whether moving
-    is worth it, camera by camera; a camera that stays comes back with exactly its present aim. ``deadline_s`` counts
-    from the call, on the clock ``now``; when it has passed, the best so far is returned. Raises InputError where
-    drones cannot keep apart.
+    is worth it, camera by camera; a camera that stays comes back with exactly its present aim. ``quick`` then looks
+    about the running aims and ``proposals`` (aims found elsewhere) alone, unless that leaves a target unseen.
+    ``deadline_s`` counts from the call, on the clock ``now``; when it has passed, the best so far is returned. Where
+    there is no ``start``, targets left uncovered make it `infeasible` if that is proven in the time left. Raises
+    InputError where drones cannot keep apart, or a camera that must see an anchor sees none, and for a scene or an aim
+    that no plan can be made of (optimise.check).
     """
     began_s = now()
-    scene = with_yaws(scene, start or {})
-    problem = problem_of(scene)
+    start = start or {}
+    check_aims(start)
+    scene = with_yaws(scene, start)
     if not scene.cameras or not scene.targets:
-        return _nothing_to_do(scene, start or {}, now() - began_s)
-    running = _running(problem, start or {})
-    best = _best(problem, running, np.random.default_rng(seed), lambda: now() - began_s >= deadline_s)
-    best = _least_travel(problem, start or {}, best)
+        return nothing_to_do(scene, start, now() - began_s)
+    task = task_of(problem_of(scene), worst=scene.settings.objective == "worst")
+    running = _running(task, scene, start)
+
+    def expired() -> bool:
+        return now() - began_s >= deadline_s
+
+    best = None
+    if quick and running is not None:
+        best = _quick(task, running, [found for aims in proposals if (found := _running(task, scene, aims))], expired)
+    if best is None or (best.score.uncovered > 0.0 and not expired()):
+        best = _thorough(task, scene, best or running, np.random.default_rng(seed), expired)
+    best = _least_travel(task, scene, start, best)
     if running is not None:
-        best = settle(problem, running, best, scene.settings.gain)
-    return _as_plan(scene, best, start or {}, began_s, now() - began_s)
+        best = settle(task, running, best, scene.settings.gain, _motion_cost(scene, running, motion))
+    answer = as_plan(scene, task, best, start, began_s, now() - began_s)
+    left_s = began_s + deadline_s - now()
+    if answer.uncovered and not start and left_s > 0.0 and certified_infeasible(task, left_s):
+        return replace(answer, status=PlanStatus.INFEASIBLE)
+    return answer
 
 
 def quality_at(scene: Scene, aims: Mapping[str, Aim]) -> RigPlan:
-    """Evaluate a configuration as it is: the plan that moves nothing. Raises InputError for a missing aim."""
+    """Evaluate a configuration as it is: the plan that moves nothing. Raises InputError for a missing or odd aim."""
+    check_aims(aims)
     scene = with_yaws(scene, aims)
-    problem = problem_of(scene)
-    vectors = [vector_of(camera.place, aims.get(camera.id)) for camera in scene.cameras]
+    if not scene.cameras or not scene.targets:
+        return nothing_to_do(scene, aims, 0.0)
+    task = task_of(problem_of(scene), worst=scene.settings.objective == "worst")
+    vectors = [vector_of(camera, aims.get(camera.id)) for camera in scene.cameras]
     missing = [camera.id for camera, x in zip(scene.cameras, vectors, strict=True) if x is None]
     if missing:
         raise InputError(f"no aim is known for {', '.join(missing)}")
-    return _as_plan(scene, configuration(problem, tuple(x for x in vectors if x is not None)), aims, 0.0, 0.0)
+    return as_plan(scene, task, configuration(task, np.array(vectors)), aims, 0.0, 0.0)
 
 
-def _running(problem: Problem, start: Mapping[str, Aim]) -> Configuration | None:
-    """Return the running configuration inside its limits; None where an aim is unknown or drones are not permitted."""
-    vectors = [vector_of(camera.place, start.get(camera.id)) for camera in problem.cameras]
-    known = [
-        within(camera.place, x[None])[0] for camera, x in zip(problem.cameras, vectors, strict=True) if x is not None
-    ]
-    if len(known) < len(vectors) or not permitted(problem, separations(problem), tuple(known)):
-        return None
-    return configuration(problem, tuple(known))
+def _running(task: Task, scene: Scene, aims: Mapping[str, Aim]) -> Configuration | None:
+    """Return a configuration inside its limits; None where an aim is unknown or the rig is not permitted so."""
+    vectors = []
+    for i, camera in enumerate(scene.cameras):
+        vector = vector_of(camera, aims.get(camera.id))
+        if vector is None or not np.isfinite(vector).all():
+            return None
+        vectors.append(within(task.problem, i, vector[None])[0])
+    known = np.array(vectors)
+    return configuration(task, known) if permitted(task.problem, known) else None
 
 
-def _best(problem: Problem, running: Configuration | None, rng: np.random.Generator, expired: Expired) -> Configuration:
-    if running is not None and expired():
-        return running
-    table = _table(problem, running)
-    ranked = _ranked(table, descend(table, _starts(table, running, rng), expired))
-    found = [tuple(x[i] for x, i in zip(table.vectors, chosen, strict=True)) for chosen in ranked]
-    allowed = [vectors for vectors in found if permitted(problem, table.separation_m, vectors)]
-    if not allowed and running is None:
-        raise InputError(
-            "found no places for the drones outside the keep-out boxes and apart from each other; "
-            "enlarge their boxes or lower min_separation_m"
-        )
-    best = running
-    for vectors in allowed[:_POLISHED]:
-        proposal = configuration(problem, vectors)
-        if best is not None and better(best.score, proposal.score, _HOPELESS_SHARE):
-            break
-        if not expired():
-            proposal = polish(problem, table.separation_m, proposal, expired)
-        if best is None or better(proposal.score, best.score):
-            best = proposal
+def _quick(task: Task, running: Configuration, proposed: list[Configuration], expired: Expired) -> Configuration:
+    """Return the best of what lies about the running configuration, or about a proposal that is clearly better."""
+    best = slsqp(task, compass(task, running, expired), expired, rough=True)
+    for other in proposed:
         if expired():
             break
-    if best is None:
-        raise AssertionError("there is a running configuration or an allowed one")
+        improved = slsqp(task, compass(task, other, expired), expired, rough=True)
+        if better(improved.score, best.score, _ADOPTED_SHARE):
+            best = improved
     return best
 
 
-def _least_travel(problem: Problem, start: Mapping[str, Aim], found: Configuration) -> Configuration:
+def _thorough(
+    task: Task, scene: Scene, running: Configuration | None, rng: np.random.Generator, expired: Expired
+) -> Configuration:
+    if running is not None and expired():
+        return running
+    table = table_of(task, scene.cameras, None if running is None else running.vectors)
+    ranked = _ranked(task, _descended(task, table, running is not None, rng, expired))
+    allowed = [found for found in ranked if permitted(task.problem, found.vectors)]
+    if not allowed and running is None:
+        raise InputError(_nowhere(task.problem, scene))
+    polished = _polished(task, table, allowed, rng, expired)
+    if task.worst and not expired():
+        # The mean's optimum is often near that of the worst target, which has less to tell it where to go.
+        mean = _polished(replace(task, worst=False), table, allowed, rng, expired)
+        polished += [slsqp(task, configuration(task, found.vectors), expired) for found in mean]
+    best = running
+    for found in polished:
+        if best is None or better(found.score, best.score):
+            best = found
+    assert best is not None  # there is a running configuration or an allowed one
+    if not expired() and not task.problem.cone and len(task.reachable) <= _WIDENED_PAIRS:
+        best = widened(task, best, expired)
+    return best if expired() or task.large else finish(task, best, table, expired)
+
+
+def _polished(
+    task: Task, table: Table, found: list[Configuration], rng: np.random.Generator, expired: Expired
+) -> list[Configuration]:
+    """Polish in two rounds, the dearer one for the few that came out best of the cheaper one."""
+    if expired():
+        return found[:1]
+    effort = _effort(task)
+    rough = _ranked(task, [compass(task, each, expired) for each in found[: effort.rough]])
+    rounds = min(effort.kicks, _KICK_WORK // max(len(table.block) * len(task.reachable), 1))
+    rough = [kicked(task, table, rough[0], rounds, rng, expired), *rough]
+    return [slsqp(task, each, expired, rough=True) for each in _ranked(task, rough)[: effort.polished]]
+
+
+def _effort(task: Task) -> _Effort:
+    if task.large:
+        return _LARGE
+    if task.worst:
+        return _HARDEST
+    return _PLAIN if task.problem.cone else _HARD
+
+
+def _nowhere(problem: Problem, scene: Scene) -> str:
+    if problem.needs_anchor.any():
+        names = ", ".join(camera.id for camera in scene.cameras if camera.needs_anchor)
+        return f"found no places from which {names} see an anchor; enlarge their limits or put up more anchors"
+    return (
+        "found no places for the drones outside the keep-out boxes and apart from each other; "
+        "enlarge their boxes or lower min_separation_m"
+    )
+
+
+def _descended(
+    task: Task, table: Table, has_present: bool, rng: np.random.Generator, expired: Expired
+) -> list[Configuration]:
+    """Return what descent reaches from the present rig, from greedy and from random starts."""
+    found: list[Configuration] = []
+    known: set[bytes] = set()
+    reference_m = 0.0
+    for k, start in enumerate(_starts(table, _effort(task), has_present, rng)):
+        if found and expired():
+            break
+        # The worst target's cost needs a scale, which the first descent, for the mean, gives; and what is good for the
+        # mean is often where the worst is best too, so every other start goes on that way.
+        reached = search(task, table, start, reference_m if k % 2 else 0.0, expired)
+        if reached.tobytes() in known:
+            continue
+        known.add(reached.tobytes())
+        found.append(configuration(task, table.vectors[reached]))
+        reference_m = reference_m or found[0].quality_m[np.isfinite(found[0].quality_m)].max(initial=0.0)
+    return found
+
+
+def _starts(table: Table, effort: _Effort, has_present: bool, rng: np.random.Generator) -> Iterator[Start]:
+    count = len(table.block)
+    entries = int((table.ends[table.block[:, 1]] - table.ends[table.block[:, 0]]).sum())
+    randoms = min(effort.starts, _START_WORK // max(entries, 1))
+    unset, greedy = np.full(count, -1, dtype=np.int64), np.full(count, -1.0)
+    plain = np.ones(len(table.watch_ends) - 1)
+    if has_present:
+        yield Start(table.block[:, 0].copy(), np.arange(count), greedy, plain)
+    for _ in range(effort.greedy):
+        yield Start(unset, rng.permutation(count), greedy, plain)
+    for k in range(randoms):
+        # Descent mostly ends in the same few places; a polish may prefer what is best for slightly other weights.
+        emphasis = np.exp(_EMPHASIS * rng.standard_normal(len(plain))) if k % 2 else plain
+        yield Start(unset, rng.permutation(count), rng.uniform(size=count), emphasis)
+
+
+def _ranked(task: Task, found: list[Configuration]) -> list[Configuration]:
+    """Return the configurations, best first, one of each worth: identical drones swapped are the same plan."""
+    ordered = sorted(found, key=lambda each: (round(each.score.uncovered, 9), each.score.quality_m))
+    distinct: list[Configuration] = []
+    for each in ordered:
+        if not distinct or better(distinct[-1].score, each.score, 1e-9):
+            distinct.append(each)
+    return distinct
+
+
+def _least_travel(task: Task, scene: Scene, start: Mapping[str, Aim], found: Configuration) -> Configuration:
     """Deal the places of identical drones out so that all together they fly least from where they are.
 
     Drones of one kind may differ in yaw, and then in what they see from one place: it must hardly matter.
     """
-    kinds: dict[object, list[int]] = {}
-    for i, camera in enumerate(problem.cameras):
-        if isinstance(camera.place, DronePlace) and vector_of(camera.place, start.get(camera.id)) is not None:
-            kinds.setdefault(_kind(camera), []).append(i)
-    order = np.arange(len(problem.cameras))
-    for group in kinds.values():
-        present = [vector_of(problem.cameras[i].place, start[problem.cameras[i].id]) for i in group]
-        positions = np.array([x for x in present if x is not None])
-        order[group] = np.array(group)[least_travel(positions, np.array([found.vectors[i] for i in group]))]
+    groups: dict[object, list[int]] = {}
+    for i, camera in enumerate(scene.cameras):
+        if isinstance(camera.place, DronePlace) and vector_of(camera, start.get(camera.id)) is not None:
+            groups.setdefault(kind(camera), []).append(i)
+    order = np.arange(len(scene.cameras))
+    for group in groups.values():
+        present = [vector_of(scene.cameras[i], start[scene.cameras[i].id]) for i in group]
+        positions = np.array([x[: Z + 1] for x in present if x is not None])
+        order[group] = np.array(group)[least_travel(positions, found.vectors[group][:, : Z + 1])]
     if np.array_equal(order, np.arange(len(order))):
         return found
-    dealt = configuration(problem, tuple(found.vectors[i] for i in order))
+    dealt = configuration(task, found.vectors[order])
     return found if better(found.score, dealt.score, _SAME_SHARE) else dealt
 
 
-def _table(problem: Problem, running: Configuration | None) -> Table:
-    """Return the candidates of all cameras; that of a running rig is each camera's candidate 0."""
-    shared: dict[object, tuple[Array, Array]] = {}
-    vectors: list[Array] = []
-    table: list[Array] = []
-    for i, camera in enumerate(problem.cameras):
-        key = _kind(camera), camera.place.yaw_rad if isinstance(camera.place, DronePlace) else 0.0
-        if key not in shared:
-            shared[key] = useful(problem, camera, candidates(problem, camera))
-        x, gain = shared[key]
-        if running is not None:
-            x, gain = np.vstack([running.vectors[i][None], x]), np.vstack([running.gains[i][None], gain])
-        vectors.append(x)
-        table.append(gain)
-    return Table(tuple(vectors), tuple(table), problem.targets.weights, separations(problem))
+def _motion_cost(scene: Scene, running: Configuration, motion: Motion) -> Callable[[int, Array], float]:
+    """Return what a camera's way must bring: its cost a second times how long it takes."""
+    speeds = motion.speeds or {}
 
+    def cost(i: int, vector: Array) -> float:
+        camera, way = scene.cameras[i], np.abs(vector - running.vectors[i])
+        distance = np.linalg.norm(way[: Z + 1]) if isinstance(camera.place, DronePlace) else way[Z + 1 :].max()
+        return motion.cost_per_s * float(distance) / speeds.get(camera.id, 1.0)
 
-def _kind(camera: SceneCamera) -> object:
-    """Return what identical drones share; every other camera is of its own kind."""
-    place = camera.place
-    if not isinstance(place, DronePlace):
-        return camera.id
-    # A lens is a frozen dataclass: its repr is all it is.
-    return (
-        repr(camera.lens),
-        camera.alpha_rad,
-        place.min_separation_m,
-        place.box_m,
-        place.T_body_camera.tobytes(),
-    )
-
-
-def _starts(table: Table, running: Configuration | None, rng: np.random.Generator) -> Indices:
-    n = len(table.gains)
-    starts = [greedy_start(table, rng.permutation(n)) for _ in range(_GREEDY_STARTS)]
-    work = sum(gain.size for gain in table.gains)
-    fewest, most = _RANDOM_STARTS
-    count = fewest if running is not None else int(np.clip(_START_WORK // max(work, 1), fewest, most))
-    starts += [random_start(table, rng) for _ in range(count)]
-    if running is not None:
-        starts.insert(0, np.zeros(n, dtype=np.intp))
-    return np.array(starts)
-
-
-def _ranked(table: Table, chosen: Indices) -> Indices:
-    """Return the choices, best first, one of each worth: identical drones swapped are the same plan."""
-    uncovered, mean = scores(totals(table, chosen), table.weights)
-    _, first = np.unique(np.column_stack([uncovered, mean]).round(9), axis=0, return_index=True)
-    order = first[np.lexsort((mean[first], uncovered[first]))]
-    return np.asarray(chosen[order])
-
-
-def _nothing_to_do(scene: Scene, start: Mapping[str, Aim], solve_s: float) -> RigPlan:
-    """Return the plan that leaves the rig as it is: there is nothing to see, or nothing to see it with."""
-    names = tuple(target.id for target in scene.targets)
-    return RigPlan(
-        request_id=0,
-        stamp_s=0.0,
-        status=PlanStatus.PARTIAL if names else PlanStatus.OPTIMISED,
-        objective_m=None,
-        aims={camera.id: start[camera.id] for camera in scene.cameras if camera.id in start},
-        targets={name: TargetQuality(None, ()) for name in names},
-        uncovered=names,
-        solve_s=solve_s,
-    )
-
-
-def _as_plan(scene: Scene, found: Configuration, start: Mapping[str, Aim], stamp_s: float, solve_s: float) -> RigPlan:
-    total = found.gains.sum(axis=0)
-    targets = {
-        target.id: TargetQuality(
-            1.0 / float(total[j]) if total[j] > 0.0 else None,
-            tuple(camera.id for i, camera in enumerate(scene.cameras) if found.gains[i, j] > 0.0),
-        )
-        for j, target in enumerate(scene.targets)
-    }
-    uncovered = tuple(name for name, quality in targets.items() if quality.quality_m is None)
-    return RigPlan(
-        request_id=0,
-        stamp_s=stamp_s,
-        status=PlanStatus.PARTIAL if uncovered else PlanStatus.OPTIMISED,
-        objective_m=found.score.mean_m if len(uncovered) < len(targets) else None,
-        aims=_aims(scene, found, start),
-        targets=targets,
-        uncovered=uncovered,
-        solve_s=solve_s,
-    )
-
-
-def _aims(scene: Scene, found: Configuration, start: Mapping[str, Aim]) -> dict[str, Aim]:
-    aims: dict[str, Aim] = {}
-    for camera, vector in zip(scene.cameras, found.vectors, strict=True):
-        present = vector_of(camera.place, start.get(camera.id))
-        stays = present is not None and np.array_equal(present, vector)
-        aim = start.get(camera.id) if stays else aim_of(camera.place, vector)
-        if aim is not None:
-            aims[camera.id] = aim
-    return aims
+    return cost

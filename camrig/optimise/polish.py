@@ -5,89 +5,182 @@ Whatever a step proposes counts only if the true, hard objective is better for i
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
-from camrig.geometry.airspace import inside_any
 from camrig.geometry.arrays import Array
-from camrig.optimise.configuration import Configuration, configuration, permitted
+from camrig.optimise.configuration import (
+    Configuration,
+    Task,
+    configuration,
+    empty_rows,
+    empty_sums,
+    permitted,
+)
 from camrig.optimise.frozen import FrozenProblem
-from camrig.optimise.objective import Score, best_index, better, scores
-from camrig.optimise.places import within
-from camrig.optimise.scene import DronePlace, SceneCamera
-from camrig.optimise.sight import Problem, gains
+from camrig.optimise.kernels.compass import Rows, fill
+from camrig.optimise.kernels.compass import compass as compass_kernel
+from camrig.optimise.kernels.descent import Table
+from camrig.optimise.kernels.kick import kick
+from camrig.optimise.kernels.problem import VARIABLES, Flags, Ints
+from camrig.optimise.kernels.state import Sums
+from camrig.optimise.objective import better
+from camrig.optimise.search import Expired
 
-Expired = Callable[[], bool]
-
-_SCALES = 0.16 * 0.2 ** np.arange(4)
+SCALES: Array = np.array([0.16, 0.032, 0.0064])
+FINE_SCALES: Array = np.array([0.16, 0.064, 0.0256, 0.01, 0.004, 0.0016])
 """Steps in radians or metres; what is finer than the last is left to SLSQP."""
-_MOST_SWEEPS = 12
-_MOST_ITERATIONS = 60
-_WORTHWHILE = 1e-4
+_EXACT, _ROUGH = (60, 1e-9), (10, 1e-5)
+"""SLSQP's most iterations, and the accuracy of the objective in mm."""
+_MOST_ROUNDS = 4
+_WORTHWHILE, _FINE_WORTHWHILE = 1e-3, 2e-5
+_SCALES_LARGE = 2
+_KICKS_AT_ONCE = 8
+_BUDGET = 400_000
+"""Sights that the compass may look at before it looks at the clock."""
 
 
-def compass(problem: Problem, separation_m: Array, start: Configuration, expired: Expired) -> Configuration:
-    """Move one camera at a time to the best point of a star of many scales about it, until none moves."""
-    vectors, table, now = list(start.vectors), start.gains.copy(), start.score
-    for _ in range(_MOST_SWEEPS):
-        before = now
-        for i, camera in enumerate(problem.cameras):
-            if not vectors[i].size:
-                continue
-            star = _star(problem, separation_m, vectors, i)
-            if not len(star):
-                continue
-            found = gains(problem, camera, star)
-            others = np.delete(table, i, axis=0).sum(axis=0)
-            uncovered, mean = scores(others + found, problem.targets.weights)
-            best = int(best_index(uncovered, mean))
-            proposal = Score(float(uncovered[best]), float(mean[best]))
-            if better(proposal, now):
-                vectors[i], table[i], now = star[best], found[best], proposal
-            if expired():
-                return Configuration(tuple(vectors), table, now)
-        if not better(now, before, _WORTHWHILE):
+@dataclass(slots=True)
+class _Search:
+    """The state of a compass search: a problem, who may move, and everything that moving changes."""
+
+    task: Task
+    table: Table
+    vectors: Array
+    rows: Rows
+    sums: Sums
+    movable: Flags
+
+    @classmethod
+    def at(cls, task: Task, start: Configuration, table: Table | None) -> _Search:
+        """Begin at a configuration."""
+        rows, sums = empty_rows(task), empty_sums(task, max(start.score.quality_m, 1e-12))
+        vectors = start.vectors.copy()
+        fill(task.problem, rows, sums, vectors)
+        movable: Flags = np.asarray((task.problem.low < task.problem.high).any(axis=1))
+        return cls(task, table or _no_table(task), vectors, rows, sums, movable)
+
+    def run(self, expired: Expired, dirty: Flags, *, fine: bool) -> None:
+        """Move until nobody can do better."""
+        scales, worthwhile = (FINE_SCALES, _FINE_WORTHWHILE) if fine else (SCALES, _WORTHWHILE)
+        if self.task.large:
+            scales = SCALES[:_SCALES_LARGE]
+        least_gain, at = worthwhile * float(self.sums.cost.sum()), 0
+        while at >= 0 and not expired():
+            at = compass_kernel(
+                self.task.problem,
+                self.table,
+                self.rows,
+                self.sums,
+                self.vectors,
+                dirty,
+                scales,
+                least_gain,
+                at,
+                _BUDGET,
+            )
+
+    def kick(self, cameras: Ints, candidates: Ints) -> None:
+        """Put cameras (N,), one after the other, at candidates (N,) of the table; keep what is better."""
+        least_gain = _WORTHWHILE * float(self.sums.cost.sum())
+        kick(
+            self.task.problem,
+            self.table,
+            _no_table(self.task),
+            self.rows,
+            self.sums,
+            self.vectors,
+            self.movable,
+            SCALES,
+            least_gain,
+            candidates,
+            cameras,
+        )
+
+
+def compass(
+    task: Task, start: Configuration, expired: Expired, table: Table | None = None, *, fine: bool = False
+) -> Configuration:
+    """Move one camera at a time to the best point of a star of many scales about it, or to the best of its candidates
+    in ``table``, until none moves.
+    """
+    search = _Search.at(task, start, table)
+    search.run(expired, search.movable.copy(), fine=fine)
+    # Running sums differ from fresh ones in the last bit: judge all plans alike.
+    moved = configuration(task, search.vectors)
+    return moved if task.worst or better(moved.score, start.score) else start
+
+
+def kicked(
+    task: Task, table: Table, start: Configuration, rounds: int, rng: np.random.Generator, expired: Expired
+) -> Configuration:
+    """Put cameras, one a round, at random candidates of theirs, let the others go first, and keep what is better."""
+    choices = np.flatnonzero(table.block[:, 1] - table.block[:, 0] > 1)
+    if not rounds or not len(choices):
+        return start
+    search = _Search.at(task, start, table)
+    for first in range(0, rounds, _KICKS_AT_ONCE):
+        if expired():
             break
-    return Configuration(tuple(vectors), table, now)
+        cameras = rng.choice(choices, min(_KICKS_AT_ONCE, rounds - first))
+        search.kick(cameras, rng.integers(table.block[cameras, 0], table.block[cameras, 1]))
+    moved = configuration(task, search.vectors)
+    return moved if task.worst or better(moved.score, start.score) else start
 
 
-def slsqp(problem: Problem, separation_m: Array, start: Configuration, expired: Expired) -> Configuration:
-    """Move all cameras together, keeping what each sees; the result counts if it is truly better."""
-    frozen = FrozenProblem.at(problem, start.vectors, start.gains > 0.0, separation_m)
+def slsqp(task: Task, start: Configuration, expired: Expired, *, rough: bool = False) -> Configuration:
+    """Move all cameras together, keeping what each sees; the result counts if it is truly better.
+
+    A rig with too many variables for it is left as it is. ``rough``: only as far as tells which start is best.
+    """
+    if task.large:
+        return start
+    frozen = FrozenProblem.at(task, start)
     if not frozen.size or expired():
         return start
-    reached = frozen.solve(_MOST_ITERATIONS)
+    first = frozen.variables()
+    reached = frozen.solve(*(_ROUGH if rough else _EXACT), expired)
+    if reached is None or not np.isfinite(reached).all():
+        return start
     for share in (1.0, 0.999, 0.9, 0.5):
-        proposal = frozen.vectors(frozen.start + share * (reached - frozen.start))
-        if permitted(problem, separation_m, proposal):
-            moved = configuration(problem, proposal)
+        vectors = frozen.vectors(first + share * (reached - first))
+        if permitted(task.problem, vectors):
+            moved = configuration(task, vectors)
             if better(moved.score, start.score):
                 return moved
     return start
 
 
-def polish(problem: Problem, separation_m: Array, start: Configuration, expired: Expired) -> Configuration:
-    """Alternate the two until neither helps."""
+def finish(task: Task, start: Configuration, table: Table, expired: Expired) -> Configuration:
+    """Alternate the two, with finer steps, until the compass finds nothing more."""
     best = start
-    for _ in range(3):
+    for _ in range(_MOST_ROUNDS):
         before = best
-        best = slsqp(problem, separation_m, compass(problem, separation_m, best, expired), expired)
-        if expired() or not better(best.score, before.score, 1e-6):
+        best = _better_of(best, slsqp(task, best, expired))
+        moved = compass(task, best, expired, table, fine=True)
+        if expired() or not better(moved.score, best.score, 1e-6) or not better(moved.score, before.score, 1e-6):
             break
-    # Sums over many poses at once differ from those over one in the last bit: judge all plans alike.
-    return configuration(problem, best.vectors)
+        best = moved
+    return best
 
 
-def _star(problem: Problem, separation_m: Array, vectors: list[Array], i: int) -> Array:
-    """Return the permitted points about camera i's vector."""
-    camera: SceneCamera = problem.cameras[i]
-    steps = np.array([s for s in itertools.product((-1.0, 0.0, 1.0), repeat=vectors[i].size) if any(s)])
-    star = within(camera.place, vectors[i] + (_SCALES[:, None, None] * steps).reshape(-1, vectors[i].size))
-    if not isinstance(camera.place, DronePlace):
-        return star
-    free = ~inside_any(star, problem.keep_out_m)
-    for j in np.flatnonzero(separation_m[i]):
-        free &= np.linalg.norm(star[:, :2] - vectors[j][:2], axis=1) >= separation_m[i, j]
-    return np.asarray(star[free])
+def _better_of(one: Configuration, other: Configuration) -> Configuration:
+    return other if better(other.score, one.score) else one
+
+
+def _no_table(task: Task) -> Table:
+    """Return a table in which nobody has a candidate."""
+    none, count = np.zeros(0, dtype=np.int64), len(task.problem.cameras)
+    return Table(
+        block=np.zeros((count, 2), dtype=np.int64),
+        vectors=np.zeros((0, VARIABLES)),
+        ends=np.zeros(1, dtype=np.int64),
+        targets=none,
+        worths=np.zeros((0, task.problem.channels)),
+        watch_ends=np.zeros(len(task.problem.targets) + 1, dtype=np.int64),
+        watchers=none,
+        near_ends=np.zeros(count + 1, dtype=np.int64),
+        near=none,
+        apart_m=np.zeros(0),
+    )

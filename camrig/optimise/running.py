@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from camrig.errors import InputError
-from camrig.messages import LostTarget, PlanRequest, PlanStatus, RigPlan, TargetQuality
-from camrig.optimise.planner import plan, quality_at
-from camrig.optimise.scene import PlannerSettings, Scene, SceneTarget, scene_of
+from camrig.messages import Aim, LostTarget, PlanRequest, PlanStatus, RigPlan, TargetQuality
+from camrig.optimise.planner import Motion, plan, quality_at
+from camrig.optimise.scene import PlannerSettings, Scene, SceneTarget, scene_of, speeds_of
 from camrig.rig import Rig
 
 _LOST_SHARE = 0.4
@@ -24,8 +24,14 @@ _GOLDEN_RAD = math.pi * (3.0 - math.sqrt(5.0))
 _LOST = "lost:"
 
 
-def plan_for(rig: Rig, request: PlanRequest, settings: PlannerSettings, now: Callable[[], float]) -> RigPlan:
-    """Answer a running rig: plan from its present aims, within the request's deadline.
+def plan_for(
+    rig: Rig,
+    request: PlanRequest,
+    settings: PlannerSettings,
+    now: Callable[[], float],
+    proposals: Sequence[Mapping[str, Aim]] = (),
+) -> RigPlan:
+    """Answer a running rig at once: plan about its present aims and the ``proposals``, within the request's deadline.
 
     A lost target is searched for at a place that moves outwards from where it is thought to be, plan by plan. The
     place counts as one more target, lighter than any tracked one, so the camera goes that can best be spared. Where
@@ -33,11 +39,32 @@ def plan_for(rig: Rig, request: PlanRequest, settings: PlannerSettings, now: Cal
     """
     scene = _with_searches(scene_of(rig, request, settings), request, rig)
     try:
-        seed = request.request_id
-        found = plan(scene, start=request.aims, deadline_s=request.deadline_s, seed=seed, now=now)
+        found = plan(
+            scene,
+            start=request.aims,
+            proposals=proposals,
+            quick=True,
+            motion=Motion(settings.motion_cost_per_s, speeds_of(rig)),
+            deadline_s=request.deadline_s,
+            seed=request.request_id,
+            now=now,
+        )
     except InputError:
         found = quality_at(scene, request.aims)
     return _without_searches(found, scene, request)
+
+
+def proposal_for(
+    rig: Rig, request: PlanRequest, settings: PlannerSettings, now: Callable[[], float]
+) -> Mapping[str, Aim]:
+    """Return where a thorough search from anywhere would aim: something to try in the next plan, which may be
+    far better than what lies about the running aims. Empty where nothing is permitted.
+    """
+    scene = _with_searches(scene_of(rig, request, settings), request, rig)
+    try:
+        return plan(scene, deadline_s=request.deadline_s, seed=request.request_id, now=now).aims
+    except InputError:
+        return {}
 
 
 def search_place(lost: LostTarget, rig: Rig, request_id: int) -> tuple[float, float, float]:

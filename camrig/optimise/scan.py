@@ -12,16 +12,15 @@ from camrig.geometry.airspace import inside_any
 from camrig.geometry.arrays import Array
 from camrig.messages import Aim, DroneAim, HeadAim, PlanRequest, ScanPlan, ScanRequest
 from camrig.optimise.candidates import floor_views
-from camrig.optimise.configuration import separations
+from camrig.optimise.kernels.problem import Flags, Problem
+from camrig.optimise.kernels.table import rows_of
 from camrig.optimise.places import aim_of
-from camrig.optimise.polish import Expired
-from camrig.optimise.scene import FixedPlace, PlannerSettings, Scene, SceneTarget, scene_of
-from camrig.optimise.sight import Problem, gains, problem_of
-from camrig.rig import DroneMount, HeadMount, Rig
-from camrig.sensing.visibility import Flags
+from camrig.optimise.problem import problem_of
+from camrig.optimise.scene import FixedPlace, PlannerSettings, Scene, SceneTarget, scene_of, speeds_of
+from camrig.optimise.search import Expired
+from camrig.rig import Rig
 
 _CELL_M = 0.25
-_MIN_TAG_PX = 20.0
 _MOST_STOPS = 40
 
 Stop = Mapping[str, Aim]
@@ -36,14 +35,14 @@ def scan_for(rig: Rig, request: ScanRequest, settings: PlannerSettings, now: Cal
     began_s = now()
     scene = _floor_scene(rig, request, settings)
     problem = problem_of(scene)
-    views = [floor_views(problem, camera) for camera in scene.cameras]
-    shown = [gains(problem, camera, view) > 0.0 for camera, view in zip(scene.cameras, views, strict=True)]
+    views = [floor_views(problem, i) for i in range(len(scene.cameras))]
+    shown = [_shown(problem, i, view) for i, view in enumerate(views)]
     picks, covered = _cover(problem, views, shown, lambda: now() - began_s >= request.deadline_s)
     stops = [{scene.cameras[i].id: _aim(scene, i, views[i][k]) for i, k in pick.items()} for pick in picks]
     return ScanPlan(
         request_id=request.request_id,
         stamp_s=request.stamp_s,
-        stops=tuple(_nearest_first(stops, request.aims, _speeds(rig))),
+        stops=tuple(_nearest_first(stops, request.aims, speeds_of(rig))),
         covered=float(covered.mean()) if covered.size else 0.0,
         solve_s=now() - began_s,
     )
@@ -69,7 +68,7 @@ def _floor_scene(rig: Rig, request: ScanRequest, settings: PlannerSettings) -> S
     return Scene(
         cameras=tuple(camera for camera in scene.cameras if not isinstance(camera.place, FixedPlace)),
         targets=targets,
-        settings=replace(settings, visibility="image", min_tag_px=max(settings.min_tag_px, _MIN_TAG_PX)),
+        settings=replace(settings, quality="pixel", visibility="image"),
         keep_out_m=scene.keep_out_m,
     )
 
@@ -81,14 +80,13 @@ def _cover(
 
     Returns for each stop the view's index by camera index, and which cells are shown in the end.
     """
-    separation_m = separations(problem)
-    covered = np.zeros(len(problem.targets.weights), dtype=bool)
+    covered: Flags = np.zeros(len(problem.targets), dtype=np.bool_)
     stops: list[dict[int, int]] = []
     while len(stops) < _MOST_STOPS and not expired():
         stop: dict[int, int] = {}
         while len(stop) < len(views):
             added = [
-                (-1, i, 0) if i in stop else _most_added(i, views, shown[i], covered, stop, separation_m)
+                (-1, i, 0) if i in stop else _most_added(problem, i, views, shown[i], covered, stop)
                 for i in range(len(views))
             ]
             count, i, k = max(added)
@@ -102,20 +100,29 @@ def _cover(
     return stops, covered
 
 
+def _shown(problem: Problem, i: int, views: Array) -> Flags:
+    """Return which cells (m,) each of the views (K, 6) of camera i shows."""
+    ends, cells, _ = rows_of(problem, i, views, np.arange(len(problem.points)))
+    shown = np.zeros((len(views), len(problem.points)), dtype=np.bool_)
+    shown[np.repeat(np.arange(len(views)), np.diff(ends)), cells] = True
+    return shown
+
+
 def _most_added(
-    i: int, views: Sequence[Array], shown: Flags, covered: Flags, stop: Mapping[int, int], separation_m: Array
+    problem: Problem, i: int, views: Sequence[Array], shown: Flags, covered: Flags, stop: Mapping[int, int]
 ) -> tuple[int, int, int]:
     """Return how many cells the best view of camera i adds, i, and the view, apart from the drones of this stop."""
     count = (shown & ~covered).sum(axis=1)
     for j, k in stop.items():
-        if separation_m[i, j] > 0.0:
-            count[np.linalg.norm(views[i][:, :2] - views[j][k][:2], axis=1) < separation_m[i, j]] = 0
+        if min(problem.separation_m[i], problem.separation_m[j]) >= 0.0:
+            least_m = max(problem.separation_m[i], problem.separation_m[j])
+            count[np.linalg.norm(views[i][:, :2] - views[j][k][:2], axis=1) < least_m] = 0
     best = int(count.argmax())
     return int(count[best]), i, best
 
 
 def _aim(scene: Scene, i: int, vector: Array) -> Aim:
-    aim = aim_of(scene.cameras[i].place, vector)
+    aim = aim_of(scene.cameras[i], vector)
     if aim is None:
         raise TypeError("a bolted camera takes no part in a scan")
     return aim
@@ -144,14 +151,3 @@ def _distance(present: Aim | None, aim: Aim) -> float:
         case DroneAim(), DroneAim():
             return math.dist(aim.position_m, present.position_m)
     return 0.0
-
-
-def _speeds(rig: Rig) -> dict[str, float]:
-    speeds = {}
-    for camera in rig.cameras.values():
-        match camera.mount:
-            case HeadMount(head=name):
-                speeds[camera.id] = rig.heads[name].speed_rad_s
-            case DroneMount(drone=name):
-                speeds[camera.id] = rig.drones[name].speed_m_s
-    return speeds

@@ -24,9 +24,11 @@ from camrig.messages import (
     ScanRequest,
 )
 from camrig.optimise import PlannerSettings, plan_for, scan_for
+from camrig.optimise.kernels.problem import Flags
+from camrig.optimise.places import vector_of
+from camrig.optimise.problem import problem_of
 from camrig.optimise.running import search_place
-from camrig.optimise.scene import scene_of
-from camrig.optimise.sight import gains, problem_of
+from camrig.optimise.scene import Scene, scene_of
 from camrig.rig import (
     Body,
     BodyTag,
@@ -40,6 +42,7 @@ from camrig.rig import (
     Space,
     TagKey,
 )
+from tests.planner_scenes import shown
 
 LENS = BrownLens((1280, 720), (900.0, 900.0), (640.0, 360.0), (-0.3, 0.09, 0.0, 0.0))
 SETTINGS = PlannerSettings(visibility="image", margin_rad=0.0175, min_separation_m=0.8, min_tag_px=20.0, gain=0.02)
@@ -85,6 +88,14 @@ def answer(asked: PlanRequest, of: Rig | None = None) -> RigPlan:
     return plan_for(of or rig(), asked, SETTINGS, lambda: 0.0)
 
 
+def seen_from(scene: Scene, name: str, aim: Aim) -> Flags:
+    """Which targets (m,) a camera sees from an aim."""
+    index = [camera.id for camera in scene.cameras].index(name)
+    vector = vector_of(scene.cameras[index], aim)
+    assert vector is not None
+    return np.asarray(shown(problem_of(scene), index, vector[None])[0])
+
+
 def test_the_answer_is_the_requests() -> None:
     plan = answer(request(41))
     assert (plan.request_id, plan.stamp_s, plan.status) == (41, 7.0, PlanStatus.OPTIMISED)
@@ -123,11 +134,7 @@ def test_a_lost_target_is_looked_for_and_no_tracked_one_is_given_up() -> None:
     assert set(found.targets) == {"r0", "r1"}
     camera = found.searching["r2"]
     there = PlanTarget("there", search_place(lost, rig(), 1), 0.12)
-    problem = problem_of(scene_of(rig(), request(targets=(there,)), SETTINGS))
-    index = [c.id for c in problem.cameras].index(camera)
-    aim = found.aims[camera]
-    vector = np.array([aim.pan_rad, aim.tilt_rad] if isinstance(aim, HeadAim) else aim.position_m)
-    assert gains(problem, problem.cameras[index], vector[None])[0, 0] > 0.0
+    assert seen_from(scene_of(rig(), request(targets=(there,)), SETTINGS), camera, found.aims[camera]).all()
     without = answer(request(1))
     assert without.objective_m is not None
     assert found.objective_m is not None
@@ -178,13 +185,9 @@ def test_a_scan_shows_the_floor_in_few_stops(keep_out: bool) -> None:
         request(targets=tuple(PlanTarget(str(i), (float(x), float(y), 0.1), 0.12) for i, (x, y) in enumerate(places))),
         SETTINGS,
     )
-    problem = problem_of(scene)
     for stop in scan.stops:
-        for camera in problem.cameras:
-            aim = stop.get(camera.id)
-            if aim is not None:
-                vector = np.array([aim.pan_rad, aim.tilt_rad] if isinstance(aim, HeadAim) else aim.position_m)
-                seen |= gains(problem, camera, vector[None])[0] > 0.0
+        for camera, aim in stop.items():
+            seen |= seen_from(scene, camera, aim)
     inside = ((places > (2.15, 1.15)) & (places < (2.65, 1.65))).all(axis=1)
     assert seen[~inside].mean() > 0.95
 
