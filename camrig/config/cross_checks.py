@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from camrig.config.document import Document, KeyPath
-from camrig.config.models import AnchorModel, BodyTagModel, CameraModel, TargetModel
+from camrig.config.lenses import AnyLensModel, ZoomLensModel
+from camrig.config.models import AnchorModel, BodyTagModel, CameraModel, DroneModel, HeadModel, TargetModel
+from camrig.config.sections import repeated_ids, written_ids
 from camrig.errors import Fault
 from camrig.rig import TagKey
 
@@ -22,7 +24,9 @@ class Parts:
     """The file as written, and its sections that are well formed by themselves, by their place in it."""
 
     data: Mapping[str, Any]
+    lenses: Mapping[str, AnyLensModel]
     cameras: Mapping[KeyPath, CameraModel]
+    carriers: Mapping[KeyPath, HeadModel | DroneModel]
     targets: Mapping[KeyPath, TargetModel]
     anchors: Mapping[KeyPath, AnchorModel]
     families: tuple[str, ...] | None
@@ -32,35 +36,23 @@ class Parts:
 def check(document: Document, parts: Parts) -> list[Fault]:
     """Return the faults that only several sections together show."""
     found: list[Finding] = []
-    for rule in (_unique_ids, _references, _one_camera_each, _tags_once, _families, _free_needs_anchor):
+    for rule in (_unique_ids, _references, _one_camera_each, _tags_once, _families, _needs_anchor, _no_zoom):
         found += rule(parts)
     return [document.fault(at, message) for at, message in found]
 
 
-def _written_ids(parts: Parts, *sections: str) -> Iterator[tuple[KeyPath, str]]:
-    for section in sections:
-        items = parts.data.get(section)
-        for index, item in enumerate(items if isinstance(items, list) else []):
-            if isinstance(item, dict) and isinstance(item.get("id"), str):
-                yield (section, index), item["id"]
-
-
 def _unique_ids(parts: Parts) -> Iterator[Finding]:
     """Devices share one name space: an id in a log or a command means one thing."""
-    for sections in (("cameras", "heads", "drones"), ("targets",)):
-        first: dict[str, KeyPath] = {}
-        for at, name in _written_ids(parts, *sections):
-            earlier = first.setdefault(name, at)
-            if earlier != at:
-                yield (*at, "id"), f"'{name}' is already the id of {earlier[0]}[{earlier[1]}]; ids are unique"
+    yield from repeated_ids(parts.data, "cameras", "heads", "drones")
+    yield from repeated_ids(parts.data, "targets")
 
 
 def _references(parts: Parts) -> Iterator[Finding]:
     lenses = parts.data.get("lenses")
     known = {
         "lens": tuple(lenses) if isinstance(lenses, dict) else (),
-        "head": tuple(name for _, name in _written_ids(parts, "heads")),
-        "drone": tuple(name for _, name in _written_ids(parts, "drones")),
+        "head": tuple(name for _, name in written_ids(parts.data, "heads")),
+        "drone": tuple(name for _, name in written_ids(parts.data, "drones")),
     }
     for at, camera in parts.cameras.items():
         wanted = {"lens": camera.lens, "head": camera.mount.head, "drone": camera.mount.drone}
@@ -80,7 +72,7 @@ def _one_camera_each(parts: Parts) -> Iterator[Finding]:
         first = carried.setdefault(carrier, camera.id)
         if first != camera.id:
             yield (*at, "mount"), f"'{carrier}' already carries camera '{first}'; it can carry one"
-    carriers = {name: at for at, name in _written_ids(parts, "heads", "drones")}
+    carriers = {name: at for at, name in written_ids(parts.data, "heads", "drones")}
     written = parts.data.get("cameras")
     if not isinstance(written, list) or len(parts.cameras) < len(written) or not carried.keys() <= carriers.keys():
         return  # a camera that is not understood may be the missing one
@@ -116,9 +108,22 @@ def _families(parts: Parts) -> Iterator[Finding]:
             )
 
 
-def _free_needs_anchor(parts: Parts) -> Iterator[Finding]:
+def _needs_anchor(parts: Parts) -> Iterator[Finding]:
     if parts.data.get("anchors"):
         return
     for at, camera in parts.cameras.items():
         if camera.mount.free:
             yield (*at, "mount", "free"), "a camera of unknown pose needs at least one anchor in this file"
+    for at, carrier in parts.carriers.items():
+        if carrier.needs_anchor:
+            yield (*at, "needs_anchor"), f"'{carrier.id}' must keep an anchor in view, and this file lists no anchors"
+
+
+def _no_zoom(parts: Parts) -> Iterator[Finding]:
+    for at, camera in parts.cameras.items():
+        if isinstance(parts.lenses.get(camera.lens), ZoomLensModel):
+            message = (
+                f"'{camera.lens}' is a zoom lens, and a running rig does not drive a zoom yet: "
+                "give the lens at the zoom in use, or plan it off line with `camrig plan`"
+            )
+            yield (*at, "lens"), message

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -11,13 +10,11 @@ from pydantic import ConfigDict, Field, model_validator
 
 from camrig.config.document import StrictModel
 from camrig.config.units import BoxM, Degrees, FloorM, LimitsDeg, Name, Point, PoseModel, radians
-from camrig.errors import InputError
 from camrig.geometry.airspace import MIN_HEIGHT_M
 from camrig.geometry.arrays import Array, Transform
-from camrig.geometry.lens import BrownLens, FisheyeLens
-from camrig.geometry.lens.pinhole import one_to_one_radius
 from camrig.geometry.pan_tilt import R_BODY_OPTICAL_DOWN, R_MOUNT_OPTICAL, PanTilt, aim_rotation
 from camrig.geometry.pose import transform
+from camrig.optimise.scene import Objective, Quality, Visibility
 from camrig.rig import (
     Anchor,
     Body,
@@ -35,8 +32,6 @@ from camrig.rig import (
 
 TagId = Annotated[int, Field(ge=0, le=100_000)]
 TagSize = Annotated[float, Field(gt=0.0, le=5.0)]
-Focal = Annotated[float, Field(gt=0.0, le=100_000.0)]
-Pixels = Annotated[int, Field(ge=16, le=20_000)]
 
 
 class DeviceModel(StrictModel):
@@ -49,42 +44,6 @@ class DeviceModel(StrictModel):
     def driver_keys(self) -> dict[str, Any]:
         """Return the keys that are the driver's."""
         return dict(self.model_extra or {})
-
-
-class LensModel(StrictModel):
-    """A lens: OpenCV's coefficients in OpenCV's order, pixels of the full picture."""
-
-    model: Literal["brown", "fisheye"] = "brown"
-    size_px: tuple[Pixels, Pixels]
-    fx: Focal
-    fy: Focal
-    cx: float
-    cy: float
-    distortion: tuple[float, ...] = ()
-    r_max: Annotated[float, Field(gt=0.0, le=50.0)] | None = None
-    readout_s: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
-
-    @model_validator(mode="after")
-    def _buildable(self) -> LensModel:
-        try:
-            lens = self.build()
-        except InputError as error:
-            raise ValueError(str(error)) from error
-        if self.r_max is not None and (radius := one_to_one_radius(lens, self.r_max)) < self.r_max:
-            raise ValueError(f"r_max {self.r_max:g} is past {radius:.3f}, where this lens stops being one-to-one")
-        if not (0.0 < self.cx < self.size_px[0] and 0.0 < self.cy < self.size_px[1]):
-            raise ValueError(f"cx, cy ({self.cx:g}, {self.cy:g}) must lie inside the picture of size_px {self.size_px}")
-        return self
-
-    def build(self) -> BrownLens | FisheyeLens:
-        """Return the lens of geometry; raises InputError for a wrong number of coefficients."""
-        geometry = (self.size_px, (self.fx, self.fy), (self.cx, self.cy))
-        lens: BrownLens | FisheyeLens
-        if self.model == "fisheye":
-            lens = FisheyeLens(*geometry, self.distortion or (0.0, 0.0, 0.0, 0.0))
-        else:
-            lens = BrownLens(*geometry, self.distortion)
-        return lens if self.r_max is None else replace(lens, r_max=self.r_max)
 
 
 class FixedPoseModel(StrictModel):
@@ -151,6 +110,7 @@ class HeadModel(DeviceModel):
     tilt_deg: LimitsDeg = (-90.0, 0.0)
     speed_deg_s: Annotated[float, Field(gt=0.0, le=400.0)] = 40.0
     bias_deg: Annotated[float, Field(ge=0.0, le=5.0)] = 0.1
+    needs_anchor: bool = False
 
     def build(self) -> HeadSpec:
         """Return the head of the rig."""
@@ -164,6 +124,7 @@ class HeadModel(DeviceModel):
             speed_rad_s=math.radians(self.speed_deg_s),
             auto_enable=self.enable == "auto",
             bias_sigma_rad=math.radians(self.bias_deg),
+            needs_anchor=self.needs_anchor,
         )
 
 
@@ -176,6 +137,8 @@ class DroneModel(DeviceModel):
     speed_m_s: Annotated[float, Field(gt=0.0, le=5.0)] = 0.5
     position_sigma_m: Annotated[float, Field(gt=0.0, le=1.0)] = 0.03
     attitude_sigma_deg: Annotated[float, Field(gt=0.0, le=10.0)] = 1.0
+    yaw_deg: LimitsDeg | None = None
+    needs_anchor: bool = False
 
     @model_validator(mode="after")
     def _high_enough(self) -> DroneModel:
@@ -194,6 +157,8 @@ class DroneModel(DeviceModel):
             speed_m_s=self.speed_m_s,
             position_sigma_m=self.position_sigma_m,
             attitude_sigma_rad=math.radians(self.attitude_sigma_deg),
+            yaw_limits_rad=None if self.yaw_deg is None else radians(self.yaw_deg),
+            needs_anchor=self.needs_anchor,
         )
 
 
@@ -250,14 +215,18 @@ class SpaceModel(StrictModel):
 class PlannerModel(StrictModel):
     """How the rig is planned."""
 
-    quality: Literal["pixel"] = "pixel"
-    visibility: Literal["image", "cone"] = "image"
-    objective: Literal["mean"] = "mean"
+    quality: Quality = "pixel"
+    visibility: Visibility = "image"
+    objective: Objective = "mean"
     period_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
     deadline_s: Annotated[float, Field(ge=0.01, le=60.0)] = 0.5
     margin_deg: Annotated[float, Field(ge=0.0, le=20.0)] = 1.0
     min_separation_m: Annotated[float, Field(ge=0.0, le=100.0)] = 0.8
+    max_range_m: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
+    min_tag_px: Annotated[float, Field(ge=0.0, le=1000.0)] | None = None
+    max_incidence_deg: Annotated[float, Field(gt=0.0, le=90.0)] | None = None
     gain: Annotated[float, Field(ge=0.0, le=1.0)] = 0.02
+    motion_cost_per_s: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
     seed: int = 0
 
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
-from pydantic import BaseModel
-
 from camrig import plugins
 from camrig.config import cross_checks
-from camrig.config.document import Document, KeyPath, load_document
+from camrig.config.document import KeyPath, load_document
+from camrig.config.lenses import LensModel
 from camrig.config.models import (
     AnchorModel,
     CameraModel,
@@ -21,16 +20,15 @@ from camrig.config.models import (
     DroneModel,
     FusionModel,
     HeadModel,
-    LensModel,
     PlannerModel,
     SpaceModel,
     TargetModel,
 )
-from camrig.errors import ConfigError, Fault, InputError
+from camrig.config.sections import Sections
+from camrig.errors import ConfigError, InputError
 from camrig.interfaces import Driver, Plugin, WorldPlugin
 from camrig.rig import CameraSpec, Rig
 
-ModelT = TypeVar("ModelT", bound=BaseModel)
 PluginT = TypeVar("PluginT")
 SectionedT = TypeVar("SectionedT", Plugin[Any], WorldPlugin)
 DeviceGroup = Literal["cameras", "heads", "drones"]
@@ -105,7 +103,7 @@ class RigConfig:
 
 def load_rig(path: Path) -> RigConfig:
     """Read and check a rig's YAML; raises ConfigError with all its faults at once."""
-    return _Reader(load_document(path)).read()
+    return _Reader(Sections(load_document(path))).read()
 
 
 def _with_key(device: DeviceConfig, key: str, value: str) -> DeviceConfig:
@@ -116,24 +114,23 @@ def _with_key(device: DeviceConfig, key: str, value: str) -> DeviceConfig:
 
 @dataclass
 class _Reader:
-    """Reads one document section by section, so that a fault in one does not hide those of the others."""
+    """Reads the sections of one document, the drivers' among them."""
 
-    document: Document
-    faults: list[Fault] = field(default_factory=list)
+    file: Sections
 
     def read(self) -> RigConfig:
-        data = self.document.data
+        file, data = self.file, self.file.document.data
         self._top_level(data)
         name = data.get("rig", "")
         if not isinstance(name, str) or not re.fullmatch(r"\w[\w. -]{0,63}", name):
-            self._fault(("rig",), "must name the rig: letters, digits, '_', '.', '-' and spaces, at most 64")
-        space = self._model(SpaceModel, ("space",))
-        lenses = self._mapping(LensModel, "lenses")
-        cameras = self._items(CameraModel, "cameras")
-        heads, drones = self._items(HeadModel, "heads"), self._items(DroneModel, "drones")
-        targets, anchors = self._items(TargetModel, "targets"), self._items(AnchorModel, "anchors")
-        planner = self._model(PlannerModel, ("planner",), default=PlannerModel())
-        fusion = self._model(FusionModel, ("fusion",), default=FusionModel())
+            file.fault(("rig",), "must name the rig: letters, digits, '_', '.', '-' and spaces, at most 64")
+        space = file.model(SpaceModel, ("space",))
+        lenses = file.lenses() if "lenses" in data else {}
+        cameras = file.items(CameraModel, "cameras")
+        heads, drones = file.items(HeadModel, "heads"), file.items(DroneModel, "drones")
+        targets, anchors = file.items(TargetModel, "targets"), file.items(AnchorModel, "anchors")
+        planner = file.model(PlannerModel, ("planner",), default=PlannerModel())
+        fusion = file.model(FusionModel, ("fusion",), default=FusionModel())
         world = self._world()
         sources = {at: camera.source for at, camera in cameras.items()}
         devices: dict[DeviceGroup, dict[KeyPath, DeviceConfig]] = {
@@ -142,18 +139,22 @@ class _Reader:
             "drones": self._devices("drones", drones),
         }
         specs: dict[DeviceGroup, dict[KeyPath, Any]] = {
-            "cameras": {at: _camera_spec(c, lenses[c.lens]) for at, c in cameras.items() if c.lens in lenses},
+            "cameras": {
+                at: CameraSpec(camera.id, lens.build(), camera.mount.build(), lens.readout_s)
+                for at, camera in cameras.items()
+                if isinstance(lens := lenses.get(camera.lens), LensModel)
+            },
             "heads": {at: head.build() for at, head in heads.items()},
             "drones": {at: drone.build() for at, drone in drones.items()},
         }
         detector = self._plugin("detectors", ("detector",), {"driver": "pyapriltags"})
         outputs = self._outputs()
         families = tuple(getattr(detector.section, "families", ())) if detector else ()
-        parts = cross_checks.Parts(data, cameras, targets, anchors, families or None)
-        self.faults += cross_checks.check(self.document, parts)
+        parts = cross_checks.Parts(data, lenses, cameras, {**heads, **drones}, targets, anchors, families or None)
+        file.faults += cross_checks.check(file.document, parts)
         self._check_together(specs, devices)
-        if self.faults or space is None or planner is None or fusion is None or detector is None:
-            raise ConfigError(sorted(set(self.faults)))
+        if file.faults or space is None or planner is None or fusion is None or detector is None:
+            raise ConfigError(sorted(set(file.faults)))
         rig = Rig(
             name=name,
             space=space.build(),
@@ -166,7 +167,7 @@ class _Reader:
         by_id: dict[DeviceGroup, Mapping[str, DeviceConfig]] = {
             group: {self._id_at(at): device for at, device in found.items()} for group, found in devices.items()
         }
-        return RigConfig(self.document.file, rig, planner, fusion, by_id, detector, outputs, world)
+        return RigConfig(file.document.file, rig, planner, fusion, by_id, detector, outputs, world)
 
     def _check_together(
         self,
@@ -183,50 +184,18 @@ class _Reader:
                     continue
                 sections = {name: (sound[at_of[name]], found[at_of[name]].section) for name in names}
                 for name, key, message in driver.check(sections):
-                    self._fault((*at_of[name], key), message)
+                    self.file.fault((*at_of[name], key), message)
 
     def _top_level(self, data: Mapping[str, Any]) -> None:
         for key in data:
             if key not in _TOP_LEVEL:
-                self._fault((key,), f"unknown key (allowed: {', '.join(_TOP_LEVEL)})")
+                self.file.fault((key,), f"unknown key (allowed: {', '.join(_TOP_LEVEL)})")
         for key in ("rig", "space", "lenses", "cameras"):
             if key not in data:
-                self._fault((key,), "is missing")
-
-    def _fault(self, at: KeyPath, message: str) -> None:
-        self.faults.append(self.document.fault(at, message))
+                self.file.fault((key,), "is missing")
 
     def _id_at(self, at: KeyPath) -> str:
-        return str(self._node(at[:2])["id"])
-
-    def _node(self, at: KeyPath) -> Any:
-        node: Any = self.document.data
-        for key in at:
-            node = node[key]
-        return node
-
-    def _model(self, model: type[ModelT], at: KeyPath, default: ModelT | None = None) -> ModelT | None:
-        if at[0] not in self.document.data:
-            return default
-        found, faults = self.document.validate(model, self._node(at), at)
-        self.faults += faults
-        return found
-
-    def _mapping(self, model: type[ModelT], key: str) -> dict[str, ModelT]:
-        section = self.document.data.get(key, {})
-        if not isinstance(section, dict):
-            self._fault((key,), "must be a mapping of names")
-            return {}
-        found = {str(name): self._model(model, (key, name)) for name in section}
-        return {name: item for name, item in found.items() if item is not None}
-
-    def _items(self, model: type[ModelT], key: str) -> dict[KeyPath, ModelT]:
-        section = self.document.data.get(key) or []
-        if not isinstance(section, list):
-            self._fault((key,), "must be a list")
-            return {}
-        found = {(key, index): self._model(model, (key, index)) for index in range(len(section))}
-        return {at: item for at, item in found.items() if item is not None}
+        return str(self.file.node(at[:2])["id"])
 
     def _devices(self, group: DeviceGroup, models: Mapping[KeyPath, DeviceModel]) -> dict[KeyPath, DeviceConfig]:
         devices = {}
@@ -236,10 +205,9 @@ class _Reader:
             if driver is None:
                 continue
             key = _FILLED_BY_WORLD[group]
-            emulated = "world" in self.document.data and key in driver.section.model_fields and not raw.get(key)
+            emulated = "world" in self.file.document.data and key in driver.section.model_fields and not raw.get(key)
             written = {**raw, key: _UNTIL_FILLED[group].format(self._id_at(at))} if emulated else raw
-            section, faults = self.document.validate(driver.section, written, at)
-            self.faults += faults
+            section = self.file.checked(driver.section, written, at)
             if section is not None:
                 devices[at] = DeviceConfig(model.driver, driver, section, {"driver": model.driver, **raw})
         return devices
@@ -247,16 +215,15 @@ class _Reader:
     def _plugin(
         self, group: Literal["detectors", "sinks"], at: KeyPath, default: dict[str, Any] | None = None
     ) -> PluginConfig[Plugin[Any]] | None:
-        data = self._node(at) if at[0] in self.document.data else default
-        model, faults = self.document.validate(DeviceModel, data, at)
-        self.faults += faults
+        data = self.file.node(at) if at[0] in self.file.document.data else default
+        model = self.file.checked(DeviceModel, data, at)
         if model is None:
             return None
         plugin = self._found(at, partial(plugins.load_plugin, group, model.driver))
         return self._with_section(model, plugin, at)
 
     def _world(self) -> PluginConfig[WorldPlugin] | None:
-        model = self._model(DeviceModel, ("world",))
+        model = self.file.model(DeviceModel, ("world",))
         if model is None:
             return None
         plugin = self._found(("world",), partial(plugins.load_world, model.driver))
@@ -267,28 +234,19 @@ class _Reader:
     ) -> PluginConfig[SectionedT] | None:
         if plugin is None:
             return None
-        section, faults = self.document.validate(plugin.section, model.driver_keys(), at)
-        self.faults += faults
+        section = self.file.checked(plugin.section, model.driver_keys(), at)
         return None if section is None else PluginConfig(model.driver, plugin, section)
 
     def _outputs(self) -> tuple[PluginConfig[Plugin[Any]], ...]:
-        section = self.document.data.get("outputs") or []
-        if not isinstance(section, list):
-            self._fault(("outputs",), "must be a list")
-            return ()
-        found = [self._plugin("sinks", ("outputs", index)) for index in range(len(section))]
+        found = [self._plugin("sinks", at) for at in self.file.places("outputs")]
         return tuple(output for output in found if output is not None)
 
     def _found(self, at: KeyPath, load: Callable[[], PluginT]) -> PluginT | None:
         try:
             return load()
         except InputError as error:
-            self._fault((*at, "driver"), str(error))
+            self.file.fault((*at, "driver"), str(error))
             return None
-
-
-def _camera_spec(camera: CameraModel, lens: LensModel) -> CameraSpec:
-    return CameraSpec(camera.id, lens.build(), camera.mount.build(), lens.readout_s)
 
 
 def _by_driver(devices: Mapping[str, DeviceConfig]) -> Iterable[tuple[Driver[Any, Any], list[str]]]:

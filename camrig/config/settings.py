@@ -24,6 +24,8 @@ def settings_of(config: RigConfig, *, aim: bool = True) -> Settings:
     """Return the pipeline's settings; ``aim=False`` measures without ever commanding a motion."""
     planner = config.planner
     decimate = float(getattr(config.detector.section, "decimate", 1.0))
+    readable_px = MIN_TAG_PX + MIN_TAG_PX_PER_DECIMATE * (decimate - 1.0)
+    flattest_rad = MAX_INCIDENCE_RAD if planner.max_incidence_deg is None else math.radians(planner.max_incidence_deg)
     return Settings(
         planner=PlannerSettings(
             quality=planner.quality,
@@ -31,9 +33,11 @@ def settings_of(config: RigConfig, *, aim: bool = True) -> Settings:
             objective=planner.objective,
             margin_rad=math.radians(planner.margin_deg),
             min_separation_m=planner.min_separation_m,
-            min_tag_px=MIN_TAG_PX + MIN_TAG_PX_PER_DECIMATE * (decimate - 1.0),
-            max_incidence_rad=MAX_INCIDENCE_RAD,
+            min_tag_px=readable_px if planner.min_tag_px is None else planner.min_tag_px,
+            max_incidence_rad=flattest_rad,
+            max_range_m=planner.max_range_m or math.inf,
             gain=planner.gain,
+            motion_cost_per_s=planner.motion_cost_per_s,
             reach_s=REACH_PERIODS * planner.period_s,
         ),
         mission=MissionSettings(period_s=planner.period_s, deadline_s=planner.deadline_s, aim=aim),

@@ -6,7 +6,7 @@ import math
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 
 from camrig.config.document import StrictModel
 from camrig.geometry.arrays import Transform
@@ -39,8 +39,27 @@ def _area(corners: tuple[PointXY, PointXY]) -> tuple[PointXY, PointXY]:
     return corners
 
 
+def _surface(box: tuple[Point, Point]) -> tuple[Point, Point]:
+    if any(low > high for low, high in zip(*box, strict=True)) or box[0] == box[1]:
+        raise ValueError(
+            "the surface is empty: its first corner must not be above its second in x, y or z, nor equal it"
+        )
+    return box
+
+
+def _yaw(given: object, handler: ValidatorFunctionWrapHandler) -> object:
+    try:
+        return handler(given)
+    except ValidationError as error:
+        raise ValueError(
+            "must be one angle from -360 to 360, or [lowest, highest] of those plans choose from"
+        ) from error
+
+
 LimitsDeg = Annotated[tuple[Degrees, Degrees], AfterValidator(_ascending)]
+YawDeg = Annotated[Degrees | LimitsDeg, WrapValidator(_yaw)]
 BoxM = Annotated[tuple[Point, Point], AfterValidator(_not_empty)]
+SurfaceM = Annotated[tuple[Point, Point], AfterValidator(_surface)]
 FloorM = Annotated[tuple[PointXY, PointXY], AfterValidator(_area)]
 
 

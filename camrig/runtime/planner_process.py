@@ -2,36 +2,56 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import time
+from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
 
 from camrig import optimise
-from camrig.messages import PlannerAnswer, PlannerRequest, PlanRequest
+from camrig.messages import Aim, PlanRequest
 from camrig.optimise import PlannerSettings
 from camrig.rig import Rig
 
+_LONG_S = 1e9
+_PROPOSED_EVERY = 5
+"""Requests: detection needs the processors too, and what is far better than the present rig stays so for a while."""
+_NICE = 10
+"""A plan may be late; a frame must not be."""
+
 
 def serve(connection: Connection) -> None:
-    """Answer requests one after the other until the daemon's end closes."""
+    """Answer requests one after the other until the daemon's end closes.
+
+    A plan is answered at once, from about the running aims; now and then a thorough search
+    looks, until the next request comes, for something better to propose to the next plans.
+    """
     rig: Rig
     settings: PlannerSettings
+    proposals: tuple[Mapping[str, Aim], ...] = ()
     try:
         rig, settings = connection.recv()
+        optimise.warm_up(settings)
         while True:
-            connection.send(_answer(rig, settings, connection.recv()))
+            request = connection.recv()
+            if isinstance(request, PlanRequest):
+                connection.send(optimise.plan_for(rig, request, settings, time.monotonic, proposals))
+                if request.request_id % _PROPOSED_EVERY == 0:
+                    proposals = (optimise.proposal_for(rig, request, settings, _until_asked(connection)),)
+            else:
+                connection.send(optimise.scan_for(rig, request, settings, time.monotonic))
     except (EOFError, OSError, KeyboardInterrupt):
         return
 
 
-def _answer(rig: Rig, settings: PlannerSettings, request: PlannerRequest) -> PlannerAnswer:
-    if isinstance(request, PlanRequest):
-        return optimise.plan_for(rig, request, settings, time.monotonic)
-    return optimise.scan_for(rig, request, settings, time.monotonic)
+def _until_asked(connection: Connection) -> Callable[[], float]:
+    """Return a clock on which every deadline has passed as soon as there is something to answer."""
+    return lambda: time.monotonic() + (_LONG_S if connection.poll() else 0.0)
 
 
 if __name__ == "__main__":
     for ignored in (signal.SIGINT, signal.SIGTERM):  # sent to the whole service; the daemon says when it is over
         signal.signal(ignored, signal.SIG_IGN)
+    os.nice(_NICE)
     serve(Connection(int(sys.argv[1])))

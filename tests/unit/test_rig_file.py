@@ -74,6 +74,66 @@ def test_the_papers_weighting_of_fusion_is_asked_for_in_the_file(tmp_path: Path,
     assert settings_of(load_rig(_write(tmp_path, GOOD + section))).fuse.weighting == weighting
 
 
+def test_what_a_planner_is_not_told_stays_as_a_running_rig_has_it(tmp_path: Path) -> None:
+    planner = settings_of(load_rig(_write(tmp_path, GOOD))).planner
+    assert (planner.min_tag_px, planner.max_range_m, planner.motion_cost_per_s) == (16.0, math.inf, 0.0)
+    assert planner.max_incidence_rad == pytest.approx(math.radians(75.0))
+    coarse = settings_of(load_rig(_write(tmp_path, GOOD + "detector: {driver: pyapriltags, decimate: 2}\n"))).planner
+    assert coarse.min_tag_px == 24.0
+
+
+def test_every_key_of_the_planner_reaches_it(tmp_path: Path) -> None:
+    section = (
+        "planner: {quality: fisher, objective: worst, visibility: cone, max_range_m: 6, min_tag_px: 0, "
+        "max_incidence_deg: 60, motion_cost_per_s: 0.001}\n"
+    )
+    planner = settings_of(load_rig(_write(tmp_path, GOOD + section))).planner
+    assert (planner.quality, planner.objective, planner.visibility) == ("fisher", "worst", "cone")
+    assert (planner.max_range_m, planner.min_tag_px, planner.motion_cost_per_s) == (6.0, 0.0, 0.001)
+    assert planner.max_incidence_rad == pytest.approx(math.radians(60.0))
+
+
+SKY = """\
+drones:
+  - {id: d1, driver: fake, box_m: [[0, 0, 1], [5, 3, 2.5]], yaw_deg: [-90, 90], needs_anchor: true}
+"""
+
+
+def _with_drone(text: str) -> str:
+    camera = "  - {id: sky, lens: lab, source: {driver: fake}, mount: {drone: d1}}\nheads:\n"
+    return text.replace("heads:\n", camera, 1) + SKY
+
+
+def test_heads_and_drones_may_need_an_anchor_and_a_drones_yaw_may_be_planned(tmp_path: Path) -> None:
+    text = _with_drone(GOOD.replace("pan_deg: [-170, 170]", "needs_anchor: true"))
+    rig = load_rig(_write(tmp_path, text)).rig
+    assert (rig.heads["pt1"].needs_anchor, rig.heads["pt2"].needs_anchor) == (True, False)
+    assert rig.drones["d1"].needs_anchor
+    assert rig.drones["d1"].yaw_limits_rad == pytest.approx((-math.pi / 2.0, math.pi / 2.0))
+    bare = load_rig(_write(tmp_path, text.replace("yaw_deg: [-90, 90], ", ""))).rig
+    assert bare.drones["d1"].yaw_limits_rad is None
+
+
+def test_who_needs_an_anchor_is_refused_without_one(tmp_path: Path) -> None:
+    text = _with_drone(GOOD.replace("pan_deg: [-170, 170]", "needs_anchor: true"))
+    faults = _faults(tmp_path, text.replace(text[text.index("anchors:") : text.index("drones:")], ""))
+    assert [fault.split(" must")[0] for fault in faults] == [
+        "10: heads[pt1].needs_anchor: 'pt1'",
+        "15: drones[d1].needs_anchor: 'd1'",
+    ]
+
+
+def test_a_running_rig_does_not_drive_a_zoom(tmp_path: Path) -> None:
+    zoomed = (
+        "  zoomed: {size_px: [1280, 720], zoom: [{position: 0, fx: 900, fy: 900}, {position: 9, fx: 999, fy: 999}]}\n"
+    )
+    text = GOOD.replace("cameras:\n", zoomed + "cameras:\n")
+    assert load_rig(_write(tmp_path, text)).rig.cameras
+    (fault,) = _faults(tmp_path, text.replace("id: south, lens: lab", "id: south, lens: zoomed"))
+    assert fault.startswith("8: cameras[south].lens: 'zoomed' is a zoom lens")
+    assert "camrig plan" in fault
+
+
 def test_a_drones_camera_looks_down_with_image_right_along_its_nose() -> None:
     rig = load_rig(CONFIGS / "demo.yaml").rig
     mount = rig.cameras["sky"].mount
@@ -100,6 +160,8 @@ def test_a_drones_camera_looks_down_with_image_right_along_its_nose() -> None:
         ("distortion: [-0.336, 0.101, 0, 0, 0]", "distortion: [-0.336, 0.101, 0]", 4, "distortion has 3 numbers"),
         ("cy: 400, distortion: [-0.336, 0.101, 0, 0, 0]", "cy: 400, r_max: 1.3, distortion: [-0.5, 0, 0, 0, 0]", 4, "stops being one-to-one"),
         ("fx: 827.7", "fx: .nan", 4, "finite number"),
+        ("anchors:", "planner: {min_tag_px: -1}\nanchors:", 13, "planner.min_tag_px: input should be greater"),
+        ("anchors:", "planner: {quality: magic}\nanchors:", 13, "'pixel', 'fisher' or 'perspective'"),
         ("rig: lab", "rgi: lab", 1, "unknown key"),
         ("rig: lab", "rig: lab\nfusion: {weighting: paper}", 2, "'covariance' or 'quality'"),
     ],
