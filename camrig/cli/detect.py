@@ -18,7 +18,7 @@ from camrig.cli.console import print_json, progress_bar, results
 from camrig.cli.tag_pose import TagPose, tag_pose
 from camrig.clock import RealClock
 from camrig.config.document import load_document
-from camrig.config.models import LensModel
+from camrig.config.lenses import LensModel
 from camrig.detect import detect_tags
 from camrig.errors import ConfigError, InputError, PartialError
 from camrig.geometry.arrays import Array, GreyImage

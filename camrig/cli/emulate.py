@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import signal
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import typer
@@ -19,6 +16,7 @@ from rich.table import Table
 
 from camrig import plugins
 from camrig.cli.console import people, print_json, results
+from camrig.cli.signals import asked_to_stop
 from camrig.clock import RealClock
 from camrig.config.document import Document
 from camrig.errors import ConfigError, InputError
@@ -43,7 +41,7 @@ def emulate(
         results.print(_settings_table(device, plugin.section))
         return
     emulator: Emulator = plugin.make(_section(device, plugin.section, settings or []))
-    with _asked_to_stop() as asked:
+    with asked_to_stop() as asked:
         try:
             port = emulator.start()
             if as_json:
@@ -68,23 +66,6 @@ def _watch(emulator: Emulator, asked: threading.Event, seconds: float) -> float:
     else:
         asked.wait(seconds or None)
     return clock.now_s() - start_s
-
-
-@contextmanager
-def _asked_to_stop() -> Iterator[threading.Event]:
-    """Yield what SIGINT and SIGTERM set while inside: to be stopped is how this program ends well."""
-    asked = threading.Event()
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        del number, frame
-        asked.set()
-
-    before = {number: signal.signal(number, ask) for number in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        yield asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _section(device: str, model: type[BaseModel], settings: Sequence[str]) -> BaseModel:

@@ -19,6 +19,7 @@ _COMMANDS = (
     "demo",
     "plan",
     "detect",
+    "experiment",
     "emulate",
     "stop",
     "status",
@@ -28,7 +29,7 @@ _COMMANDS = (
     "land",
     "scan",
 )
-"""Each is a module of this package with a function of the same name."""
+"""Each is a module of this package with a function of the same name, or with a program of commands of its own."""
 
 
 def build(commands: Sequence[str] = _COMMANDS) -> typer.Typer:
@@ -43,7 +44,11 @@ def build(commands: Sequence[str] = _COMMANDS) -> typer.Typer:
     )
     app.callback()(_no_command)  # a program of one command would otherwise not be asked for it by name
     for name in commands:
-        app.command(name)(getattr(import_module(f"camrig.cli.{name}"), name))
+        command = getattr(import_module(f"camrig.cli.{name}"), name)
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name)
+        else:
+            app.command(name)(command)
     return app
 
 

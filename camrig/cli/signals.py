@@ -1,0 +1,42 @@
+"""Being told to stop by SIGINT or SIGTERM: as an event, or as an interruption where it does no harm."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+
+@contextmanager
+def asked_to_stop() -> Iterator[threading.Event]:
+    """Yield what SIGINT and SIGTERM set while inside, instead of interrupting."""
+    asked = threading.Event()
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        asked.set()
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def interrupting(now: Callable[[], float]) -> Iterator[Callable[[], float]]:
+    """Yield the clock ``now``, which from the first signal on raises KeyboardInterrupt when it is read.
+
+    For solvers, which read it often: an interruption inside a compiled kernel comes out of it as a SystemError.
+    """
+    with asked_to_stop() as asked:
+
+        def read() -> float:
+            if asked.is_set():
+                raise KeyboardInterrupt
+            return now()
+
+        yield read
