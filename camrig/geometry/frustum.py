@@ -48,7 +48,19 @@ def footprint(
     Past the horizon, and beyond ``max_range_m`` over the floor from the camera, the polygon ends at that range in the
     ray's compass direction.
     """
-    rays = rim_directions(lens, per_edge) @ T_world_camera[:3, :3].T
+    return rays_footprint(rim_directions(lens, per_edge), T_world_camera, floor_z_m, max_range_m)
+
+
+def cone_directions(alpha_rad: float, count: int = 64) -> Array:
+    """Return (count, 3) unit vectors in the optical frame along the rim of a cone of half angle ``alpha_rad``."""
+    turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    across = np.sin(alpha_rad)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), np.full(count, np.cos(alpha_rad))], axis=-1)
+
+
+def rays_footprint(directions: Array, T_world_camera: Transform, floor_z_m: float, max_range_m: float) -> Array:
+    """Return the (n, 2) polygon of the floor within a rim of directions in the optical frame, as ``footprint`` does."""
+    rays = directions @ T_world_camera[:3, :3].T
     eye = T_world_camera[:3, 3]
     offset = ray_floor(eye, rays, floor_z_m)[:, :2] - eye[:2]
     hit = np.linalg.norm(offset, axis=1) <= max_range_m
