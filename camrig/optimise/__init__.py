@@ -1,7 +1,8 @@
 """Targets and rig -> RigPlan: where every camera should look or hover. Pure; numpy and scipy."""
 
+from camrig.optimise.hysteresis import Motion
 from camrig.optimise.plan_views import View, quality_map, views
-from camrig.optimise.planner import Motion, plan, quality_at
+from camrig.optimise.planner import plan, quality_at
 from camrig.optimise.running import plan_for, proposal_for
 from camrig.optimise.scan import scan_for
 from camrig.optimise.scene import (

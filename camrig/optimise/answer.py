@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from camrig.messages import Aim, PlanStatus, RigPlan, TargetQuality
-from camrig.optimise.configuration import Configuration, Task
+from camrig.optimise.configuration import Configuration
 from camrig.optimise.kernels.problem import Z
 from camrig.optimise.places import aim_of, vector_of
 from camrig.optimise.scene import HeadPlace, Scene
@@ -28,9 +28,7 @@ def nothing_to_do(scene: Scene, start: Mapping[str, Aim], solve_s: float) -> Rig
     )
 
 
-def as_plan(
-    scene: Scene, task: Task, found: Configuration, start: Mapping[str, Aim], stamp_s: float, solve_s: float
-) -> RigPlan:
+def as_plan(scene: Scene, found: Configuration, start: Mapping[str, Aim], stamp_s: float, solve_s: float) -> RigPlan:
     """Return the plan of a configuration; a camera that stays gets exactly the aim it has in ``start``."""
     seen_by: list[list[str]] = [[] for _ in scene.targets]
     for camera, first, end in zip(scene.cameras, found.ends[:-1], found.ends[1:], strict=True):

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from camrig.geometry.airspace import inside_any
 from camrig.geometry.arrays import Array
 from camrig.optimise.kernels.pose import lens_of, pose_of
 from camrig.optimise.kernels.problem import MARGIN, PAN, POINT, VARIABLES, ZOOM, Ints, Problem, X, Y, Z
@@ -186,9 +187,7 @@ def _yaws(problem: Problem, i: int) -> Array:
 
 def _outside(problem: Problem, vectors: Array) -> Array:
     """Return the drone's places outside the keep-out boxes; one inside where there are no others."""
-    at = vectors[:, None, : Z + 1]
-    inside = np.any(np.all((at > problem.boxes[:, 0]) & (at < problem.boxes[:, 1]), axis=2), axis=1)
-    free = vectors[~inside]
+    free = vectors[~inside_any(vectors[:, : Z + 1], [(low, high) for low, high in problem.boxes])]
     return free if len(free) else vectors[:1]
 
 

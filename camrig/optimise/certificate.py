@@ -32,6 +32,7 @@ from camrig.optimise.kernels.problem import (
     Z,
 )
 from camrig.optimise.kernels.table import rows_of
+from camrig.optimise.search import Expired
 from camrig.sensing.lens_row import R_MAX
 
 _TURN_STEP_RAD = math.radians(2.0)
@@ -44,11 +45,13 @@ _MOST_LOOKS = 4_000_000
 """Of all cameras' poses at the targets that they can reach: some seconds."""
 _MOST_SETS = 1_000
 """More than these are not searched for the largest among them."""
+_INFEASIBLE = 2
+"""What scipy's milp answers for an infeasible problem."""
 _TIME_LIMIT_S = 2.0
 
 
-def certified_infeasible(task: Task, seconds: float) -> bool:
-    """Tell whether it is proven, within about so many seconds, that some target must stay uncovered."""
+def certified_infeasible(task: Task, expired: Expired) -> bool:
+    """Tell whether it is proven in time that some target must stay uncovered."""
     problem = task.problem
     grids, looks = [], 0
     for i in range(len(problem.cameras)):
@@ -61,13 +64,15 @@ def certified_infeasible(task: Task, seconds: float) -> bool:
             return False
     views = []
     for i, grid in enumerate(grids):
+        if expired():
+            return False
         found = _views(task, i, *grid)
         if found is None:
             return False
         views.append(found)
     if not np.concatenate(views).any(axis=0).all():
         return True  # one target is beyond every camera
-    return not _coverable(views, min(seconds, _TIME_LIMIT_S))
+    return not expired() and not _coverable(views)
 
 
 def _views(task: Task, i: int, poses: Array, steps: Array) -> Flags | None:
@@ -131,7 +136,7 @@ def _largest(sets: Flags) -> Flags:
     return np.asarray(sets[kept])
 
 
-def _coverable(views: list[Flags], seconds: float) -> bool:
+def _coverable(views: list[Flags]) -> bool:
     """Tell whether one view a camera can cover all targets; also True where that is not decided in time."""
     owner = np.repeat(np.arange(len(views)), [len(view) for view in views])
     covers = csr_array(np.concatenate(views).T.astype(float))
@@ -141,10 +146,6 @@ def _coverable(views: list[Flags], seconds: float) -> bool:
         integrality=np.ones(len(owner), dtype=np.int64),
         bounds=Bounds(0.0, 1.0),
         constraints=[LinearConstraint(covers, 1.0, np.inf), LinearConstraint(one_each, 0.0, 1.0)],
-        options={"time_limit": max(seconds, 0.01)},
+        options={"time_limit": _TIME_LIMIT_S},
     )
     return int(answer.status) != _INFEASIBLE
-
-
-_INFEASIBLE = 2
-"""scipy's milp: the problem is infeasible."""

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from camrig.errors import InputError
-from camrig.geometry.arrays import Array
-from camrig.geometry.assignment import least_travel
 from camrig.messages import Aim, PlanStatus, RigPlan
 from camrig.optimise.answer import as_plan, nothing_to_do
 from camrig.optimise.certificate import certified_infeasible
 from camrig.optimise.check import check_aims
 from camrig.optimise.configuration import Configuration, Task, configuration, permitted, task_of
-from camrig.optimise.hysteresis import settle
+from camrig.optimise.dealing import dealt
+from camrig.optimise.hysteresis import Motion, settle
 from camrig.optimise.kernels.descent import Table
-from camrig.optimise.kernels.problem import Problem, Z
+from camrig.optimise.kernels.problem import Problem
 from camrig.optimise.objective import better
 from camrig.optimise.places import vector_of, within
 from camrig.optimise.polish import compass, finish, kicked, slsqp
 from camrig.optimise.problem import problem_of
-from camrig.optimise.scene import DronePlace, Scene, kind, with_yaws
+from camrig.optimise.scene import Scene, with_yaws
 from camrig.optimise.search import Expired, Start, search, table_of
 from camrig.optimise.widen import widened
 
@@ -45,20 +44,14 @@ _LARGE = _Effort(1, 0, 1, 1, 0)
 _START_WORK = 1_200_000
 """Entries of all candidates' rows that the random starts together may look at in one sweep."""
 _EMPHASIS = 0.3
+"""Standard deviation of the logarithms of the weights that lead a random start somewhere else."""
 _KICK_WORK = 1_500
 """Rounds of kicks times cameras times pairs that can see each other."""
 _WIDENED_PAIRS = 500
-_SAME_SHARE = 0.005
+"""Pairs that can see each other, up to which letting cameras see a target more is worth its time."""
+STAYS_FREE = Motion()
 _ADOPTED_SHARE = 0.025
 """A plan from elsewhere is followed instead of one from where the rig is if it is better by more than this share."""
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """What a second of motion must bring, and how fast each camera turns (rad/s) or flies (m/s), by id."""
-
-    cost_per_s: float = 0.0
-    speeds: Mapping[str, float] | None = None
 
 
 def plan(
@@ -67,7 +60,8 @@ def plan(
     start: Mapping[str, Aim] | None = None,
     proposals: Sequence[Mapping[str, Aim]] = (),
     quick: bool = False,
-    motion: Motion = Motion(),
+    motion: Motion = STAYS_FREE,
+    prove: bool = True,
     deadline_s: float = float("inf"),
     seed: int = 0,
     now: Callable[[], float],
@@ -78,7 +72,7 @@ def plan(
     is worth it, camera by camera; a camera that stays comes back with exactly its present aim. ``quick`` then looks
     about the running aims and ``proposals`` (aims found elsewhere) alone, unless that leaves a target unseen.
     ``deadline_s`` counts from the call, on the clock ``now``; when it has passed, the best so far is returned. Where
-    there is no ``start``, targets left uncovered make it `infeasible` if that is proven in the time left. Raises
+    there is no ``start``, targets left uncovered make it `infeasible` if ``prove`` and it is proven in time. Raises
     InputError where drones cannot keep apart, or a camera that must see an anchor sees none, and for a scene or an aim
     that no plan can be made of (optimise.check).
     """
@@ -99,12 +93,11 @@ def plan(
         best = _quick(task, running, [found for aims in proposals if (found := _running(task, scene, aims))], expired)
     if best is None or (best.score.uncovered > 0.0 and not expired()):
         best = _thorough(task, scene, best or running, np.random.default_rng(seed), expired)
-    best = _least_travel(task, scene, start, best)
+    best = dealt(task, scene, start, best)
     if running is not None:
-        best = settle(task, running, best, scene.settings.gain, _motion_cost(scene, running, motion))
-    answer = as_plan(scene, task, best, start, began_s, now() - began_s)
-    left_s = began_s + deadline_s - now()
-    if answer.uncovered and not start and left_s > 0.0 and certified_infeasible(task, left_s):
+        best = settle(task, scene.cameras, running, best, scene.settings.gain, motion, expired)
+    answer = as_plan(scene, best, start, began_s, now() - began_s)
+    if prove and answer.uncovered and not start and certified_infeasible(task, expired):
         return replace(answer, status=PlanStatus.INFEASIBLE)
     return answer
 
@@ -120,7 +113,7 @@ def quality_at(scene: Scene, aims: Mapping[str, Aim]) -> RigPlan:
     missing = [camera.id for camera, x in zip(scene.cameras, vectors, strict=True) if x is None]
     if missing:
         raise InputError(f"no aim is known for {', '.join(missing)}")
-    return as_plan(scene, task, configuration(task, np.array(vectors)), aims, 0.0, 0.0)
+    return as_plan(scene, configuration(task, np.array(vectors)), aims, 0.0, 0.0)
 
 
 def _running(task: Task, scene: Scene, aims: Mapping[str, Aim]) -> Configuration | None:
@@ -153,7 +146,7 @@ def _thorough(
     if running is not None and expired():
         return running
     table = table_of(task, scene.cameras, None if running is None else running.vectors)
-    ranked = _ranked(task, _descended(task, table, running is not None, rng, expired))
+    ranked = _ranked(_descended(task, table, running is not None, rng, expired))
     allowed = [found for found in ranked if permitted(task.problem, found.vectors)]
     if not allowed and running is None:
         raise InputError(_nowhere(task.problem, scene))
@@ -162,11 +155,10 @@ def _thorough(
         # The mean's optimum is often near that of the worst target, which has less to tell it where to go.
         mean = _polished(replace(task, worst=False), table, allowed, rng, expired)
         polished += [slsqp(task, configuration(task, found.vectors), expired) for found in mean]
-    best = running
+    best = running or allowed[0]
     for found in polished:
-        if best is None or better(found.score, best.score):
+        if better(found.score, best.score) and permitted(task.problem, found.vectors):
             best = found
-    assert best is not None  # there is a running configuration or an allowed one
     if not expired() and not task.problem.cone and len(task.reachable) <= _WIDENED_PAIRS:
         best = widened(task, best, expired)
     return best if expired() or task.large else finish(task, best, table, expired)
@@ -176,13 +168,13 @@ def _polished(
     task: Task, table: Table, found: list[Configuration], rng: np.random.Generator, expired: Expired
 ) -> list[Configuration]:
     """Polish in two rounds, the dearer one for the few that came out best of the cheaper one."""
-    if expired():
+    if expired() or not found:
         return found[:1]
     effort = _effort(task)
-    rough = _ranked(task, [compass(task, each, expired) for each in found[: effort.rough]])
+    rough = _ranked([compass(task, each, expired) for each in found[: effort.rough]])
     rounds = min(effort.kicks, _KICK_WORK // max(len(table.block) * len(task.reachable), 1))
     rough = [kicked(task, table, rough[0], rounds, rng, expired), *rough]
-    return [slsqp(task, each, expired, rough=True) for each in _ranked(task, rough)[: effort.polished]]
+    return [slsqp(task, each, expired, rough=True) for each in _ranked(rough)[: effort.polished]]
 
 
 def _effort(task: Task) -> _Effort:
@@ -240,7 +232,7 @@ def _starts(table: Table, effort: _Effort, has_present: bool, rng: np.random.Gen
         yield Start(unset, rng.permutation(count), rng.uniform(size=count), emphasis)
 
 
-def _ranked(task: Task, found: list[Configuration]) -> list[Configuration]:
+def _ranked(found: list[Configuration]) -> list[Configuration]:
     """Return the configurations, best first, one of each worth: identical drones swapped are the same plan."""
     ordered = sorted(found, key=lambda each: (round(each.score.uncovered, 9), each.score.quality_m))
     distinct: list[Configuration] = []
@@ -248,35 +240,3 @@ def _ranked(task: Task, found: list[Configuration]) -> list[Configuration]:
         if not distinct or better(distinct[-1].score, each.score, 1e-9):
             distinct.append(each)
     return distinct
-
-
-def _least_travel(task: Task, scene: Scene, start: Mapping[str, Aim], found: Configuration) -> Configuration:
-    """Deal the places of identical drones out so that all together they fly least from where they are.
-
-    Drones of one kind may differ in yaw, and then in what they see from one place: it must hardly matter.
-    """
-    groups: dict[object, list[int]] = {}
-    for i, camera in enumerate(scene.cameras):
-        if isinstance(camera.place, DronePlace) and vector_of(camera, start.get(camera.id)) is not None:
-            groups.setdefault(kind(camera), []).append(i)
-    order = np.arange(len(scene.cameras))
-    for group in groups.values():
-        present = [vector_of(scene.cameras[i], start[scene.cameras[i].id]) for i in group]
-        positions = np.array([x[: Z + 1] for x in present if x is not None])
-        order[group] = np.array(group)[least_travel(positions, found.vectors[group][:, : Z + 1])]
-    if np.array_equal(order, np.arange(len(order))):
-        return found
-    dealt = configuration(task, found.vectors[order])
-    return found if better(found.score, dealt.score, _SAME_SHARE) else dealt
-
-
-def _motion_cost(scene: Scene, running: Configuration, motion: Motion) -> Callable[[int, Array], float]:
-    """Return what a camera's way must bring: its cost a second times how long it takes."""
-    speeds = motion.speeds or {}
-
-    def cost(i: int, vector: Array) -> float:
-        camera, way = scene.cameras[i], np.abs(vector - running.vectors[i])
-        distance = np.linalg.norm(way[: Z + 1]) if isinstance(camera.place, DronePlace) else way[Z + 1 :].max()
-        return motion.cost_per_s * float(distance) / speeds.get(camera.id, 1.0)
-
-    return cost

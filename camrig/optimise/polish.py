@@ -156,17 +156,14 @@ def finish(task: Task, start: Configuration, table: Table, expired: Expired) -> 
     """Alternate the two, with finer steps, until the compass finds nothing more."""
     best = start
     for _ in range(_MOST_ROUNDS):
-        before = best
-        best = _better_of(best, slsqp(task, best, expired))
+        best = slsqp(task, best, expired)
         moved = compass(task, best, expired, table, fine=True)
-        if expired() or not better(moved.score, best.score, 1e-6) or not better(moved.score, before.score, 1e-6):
+        gained = better(moved.score, best.score, 1e-6)
+        if better(moved.score, best.score):
+            best = moved
+        if expired() or not gained:
             break
-        best = moved
     return best
-
-
-def _better_of(one: Configuration, other: Configuration) -> Configuration:
-    return other if better(other.score, one.score) else one
 
 
 def _no_table(task: Task) -> Table:

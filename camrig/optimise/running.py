@@ -6,9 +6,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from camrig.errors import InputError
 from camrig.messages import Aim, LostTarget, PlanRequest, PlanStatus, RigPlan, TargetQuality
-from camrig.optimise.planner import Motion, plan, quality_at
+from camrig.optimise.hysteresis import Motion
+from camrig.optimise.objective import score
+from camrig.optimise.planner import plan, quality_at
 from camrig.optimise.scene import PlannerSettings, Scene, SceneTarget, scene_of, speeds_of
 from camrig.rig import Rig
 
@@ -62,7 +66,7 @@ def proposal_for(
     """
     scene = _with_searches(scene_of(rig, request, settings), request, rig)
     try:
-        return plan(scene, deadline_s=request.deadline_s, seed=request.request_id, now=now).aims
+        return plan(scene, deadline_s=request.deadline_s, seed=request.request_id, prove=False, now=now).aims
     except InputError:
         return {}
 
@@ -108,14 +112,17 @@ def _without_searches(found: RigPlan, scene: Scene, request: PlanRequest) -> Rig
         request_id=request.request_id,
         stamp_s=request.stamp_s,
         status=PlanStatus.PARTIAL if missed else PlanStatus.OPTIMISED,
-        objective_m=_mean_m(tracked, {target.id: target.weight for target in scene.targets}),
+        objective_m=_objective_m(tracked, scene),
         targets=tracked,
         uncovered=tuple(missed),
         searching=searching,
     )
 
 
-def _mean_m(targets: Mapping[str, TargetQuality], weights: Mapping[str, float]) -> float | None:
-    covered = [(weights[name], target.quality_m) for name, target in targets.items() if target.quality_m is not None]
-    total = sum(weight for weight, _ in covered)
-    return sum(weight * quality_m for weight, quality_m in covered) / total if covered else None
+def _objective_m(tracked: Mapping[str, TargetQuality], scene: Scene) -> float | None:
+    """Return the objective over the tracked targets alone; None where none is covered."""
+    weights = np.array([target.weight for target in scene.targets if target.id in tracked])
+    quality_m = np.array([math.inf if each.quality_m is None else each.quality_m for each in tracked.values()])
+    if not np.isfinite(quality_m).any():
+        return None
+    return score(quality_m, weights, worst=scene.settings.objective == "worst").quality_m

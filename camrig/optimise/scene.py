@@ -97,7 +97,7 @@ class SceneCamera:
 
 @dataclass(frozen=True, slots=True)
 class SceneTarget:
-    """A point, or with ``tag_size_m`` a square tag turned by ``facing_rad`` about its normal (sensing.tag_corners)."""
+    """A point, or with ``tag_size_m`` a square tag turned by ``facing_rad`` about its normal (geometry.tags)."""
 
     id: str
     position_m: tuple[float, float, float]
@@ -177,7 +177,7 @@ def scene_of(rig: Rig, request: PlanRequest, settings: PlannerSettings) -> Scene
 
 
 def kind(camera: SceneCamera) -> object:
-    """Return what identical drones share, yaw included where it is not planned; other cameras are of their own kind."""
+    """Return what identical drones share, whatever their yaw; other cameras are of their own kind."""
     place = camera.place
     if not isinstance(place, DronePlace):
         return camera.id
@@ -189,7 +189,7 @@ def kind(camera: SceneCamera) -> object:
         camera.needs_anchor,
         place.min_separation_m,
         place.box_m,
-        place.yaw_limits_rad or place.yaw_rad,
+        place.yaw_limits_rad,
         place.T_body_camera.tobytes(),
     )
 

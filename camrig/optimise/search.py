@@ -13,7 +13,7 @@ from camrig.optimise.configuration import Task, empty_sums, inverted
 from camrig.optimise.kernels.descent import Table, begin, descend
 from camrig.optimise.kernels.problem import Ints, Problem, Y
 from camrig.optimise.kernels.table import anchored, largest_of_each, rows_of
-from camrig.optimise.scene import SceneCamera, kind
+from camrig.optimise.scene import DronePlace, SceneCamera, kind
 
 Expired = Callable[[], bool]
 Block = tuple[Array, tuple[Ints, Ints, Array]]
@@ -46,7 +46,7 @@ def table_of(task: Task, cameras: tuple[SceneCamera, ...], present: Array | None
     index = []
     for i, camera in enumerate(cameras):
         reachable = task.reachable[task.reach_ends[i] : task.reach_ends[i + 1]]
-        key = kind(camera)
+        key = kind(camera), camera.place.yaw_rad if isinstance(camera.place, DronePlace) else 0.0
         if key not in blocks:
             blocks[key] = _useful(task, i, candidates(problem, i, reachable, effort), reachable)
         if present is None:

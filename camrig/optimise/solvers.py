@@ -61,5 +61,5 @@ def solve(
     problem = task.problem
     reached = configuration(task, np.clip(found.vectors, problem.low, problem.high))
     solve_s = now() - began_s - found.build_s
-    answer = as_plan(scene, task, reached, {}, began_s, solve_s)
+    answer = as_plan(scene, reached, {}, began_s, solve_s)
     return Solution(answer, found.build_s, permitted(problem, reached.vectors))

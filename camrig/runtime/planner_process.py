@@ -24,8 +24,8 @@ _NICE = 10
 def serve(connection: Connection) -> None:
     """Answer requests one after the other until the daemon's end closes.
 
-    A plan is answered at once, from about the running aims; now and then a thorough search
-    looks, until the next request comes, for something better to propose to the next plans.
+    A plan is answered at once, from about the running aims. Now and then a thorough search looks, at most for a
+    request's deadline and until the next request comes, for something better to propose to the next plans.
     """
     rig: Rig
     settings: PlannerSettings

@@ -144,7 +144,7 @@ def compass(
             first_uncovered, first_cost = change(sums, rows.targets, rows.worths, start, start + rows.sizes[at])
             uncovered, cost = _best_of_star(problem, rows, sums, vectors, scales, at, first_uncovered, first_cost)
             uncovered, cost = _best_of_table(problem, table, rows, sums, vectors, at, uncovered, cost)
-            budget -= len(scales) * (rows.reach_ends[at + 1] - start) * 8
+            budget -= _looks(problem, table, rows, scales, at)
             end = start + rows.sizes[at]
             apply(sums, rows.targets, rows.worths, start, end, 1)
             if preferred(uncovered, cost + least_gain, first_uncovered, first_cost):
@@ -155,6 +155,18 @@ def compass(
             clean += 1
         at = (at + 1) % len(vectors)
     return -1
+
+
+@compiled
+def _looks(problem: Problem, table: Table, rows: Rows, scales: Array, i: int) -> int:
+    """Return how many sights the star and the candidates of camera ``i`` cost."""
+    free = 0
+    for variable in range(VARIABLES):
+        if problem.cameras[i, LOW + variable] < problem.cameras[i, HIGH + variable]:
+            free += 1
+    first, end = table.block[i, 0], table.block[i, 1]
+    sights = len(scales) * 2 * free * free * (rows.reach_ends[i + 1] - rows.reach_ends[i])
+    return int(sights + table.ends[end] - table.ends[first])
 
 
 @compiled

@@ -12,7 +12,9 @@ from camrig.geometry.jit import compiled
 from camrig.optimise.kernels.pose import lens_of, pose_of
 from camrig.optimise.kernels.problem import CHANNELS, NEEDS_ANCHOR, QUALITY, Ints, Problem
 from camrig.optimise.kernels.sight import cone_cosine, sees
-from camrig.optimise.kernels.worth import add_worth, known_pose
+from camrig.optimise.kernels.worth import add_worth, known_pose, quality_of
+
+_LEAST_WORTH = 1e-9
 
 
 @compiled
@@ -38,6 +40,8 @@ def look(problem: Problem, i: int, u: Array, reachable: Ints, seen: Ints, worths
         for c in range(channels):
             worths[count, c] = 0.0
         add_worth(quality, lens, R, origin, known, problem.targets[j], 1.0, worths[count])
+        if not (_LEAST_WORTH < quality_of(worths[count], quality) < 1.0 / _LEAST_WORTH):
+            continue  # a tag of a few micrometres tells nothing that numbers can hold
         seen[count] = j
         count += 1
     return count

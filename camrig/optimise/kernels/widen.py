@@ -9,7 +9,7 @@ import numpy as np
 from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
 from camrig.optimise.kernels.compass import star
-from camrig.optimise.kernels.problem import CONE, TAGGED, Ints, Problem
+from camrig.optimise.kernels.problem import TAGGED, Ints, Problem
 from camrig.optimise.kernels.smooth import CENTRE, EDGES, clearance
 
 _SHRINK = 0.4
@@ -45,12 +45,11 @@ def widest(problem: Problem, i: int, targets: Ints, u: Array) -> float:
 def _least(problem: Problem, i: int, targets: Ints, u: Array, known: float) -> float:
     """Return the worst clearance, or something below ``known`` as soon as it is that."""
     row = np.empty(4, dtype=np.int64)
-    cone = problem.settings[CONE] > 0.0
     worst = math.inf
     for t in range(len(targets)):
-        whole = not cone and problem.targets[targets[t], TAGGED] > 0.0
+        whole = problem.targets[targets[t], TAGGED] > 0.0
         for corner in range(0 if whole else CENTRE, CENTRE if whole else CENTRE + 1):
-            for edge in range(1 if cone else EDGES):
+            for edge in range(EDGES):
                 row[0], row[1], row[2], row[3] = i, targets[t], corner, edge
                 worst = min(worst, clearance(problem, row, u))
                 if worst <= known:
