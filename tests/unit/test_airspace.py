@@ -20,6 +20,22 @@ def test_a_box_blocks_what_passes_through_it_only() -> None:
     assert not airspace.blocked(eye, points, []).any()
 
 
+# On a coarse grid, so that segments run along faces, through edges and corners, and stand still.
+COARSE = st.tuples(*[st.integers(-2, 6).map(lambda k: k / 2.0)] * 3)
+PLACES = COARSE | st.tuples(*[st.floats(-1.0, 3.0)] * 3)
+
+
+@given(PLACES, PLACES, COARSE, st.tuples(*[st.sampled_from([0.5, 1.0, 2.0])] * 3))
+def test_kernels_and_steering_agree_on_what_is_in_the_way(
+    origin: tuple[float, ...], point: tuple[float, ...], low: tuple[float, ...], size: tuple[float, ...]
+) -> None:
+    start, end = np.array(origin), np.array(point)
+    least, most = np.array(low), np.array(low) + np.array(size)
+    a, b, c = least.tolist()
+    d, e, f = most.tolist()
+    assert airspace.crosses_box(start, end, least, most) == bool(airspace.blocked(start, end, [((a, b, c), (d, e, f))]))
+
+
 def test_inside_is_strict() -> None:
     box = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
     points = np.array([[0.5, 0.5, 0.5], [1.0, 0.5, 0.5], [2.0, 0.5, 0.5]])
