@@ -51,7 +51,7 @@ class Task:
 
     @property
     def large(self) -> bool:
-        """Whether there are more variables than SLSQP can take, whose work grows with their cube."""
+        """Whether there are more variables than SQP can take, whose work grows with their cube."""
         return int((self.problem.low < self.problem.high).sum()) > _MOST_VARIABLES
 
 

@@ -20,7 +20,7 @@ from camrig.optimise.kernels.descent import Table
 from camrig.optimise.kernels.problem import Problem
 from camrig.optimise.objective import better
 from camrig.optimise.places import vector_of, within
-from camrig.optimise.polish import compass, finish, kicked, slsqp
+from camrig.optimise.polish import compass, finish, kicked, sqp
 from camrig.optimise.problem import problem_of
 from camrig.optimise.scene import Scene, with_yaws
 from camrig.optimise.search import Expired, Start, search, table_of
@@ -37,7 +37,7 @@ class _Effort(NamedTuple):
     kicks: int
 
 
-_PLAIN, _HARD, _HARDEST = _Effort(3, 8, 5, 2, 10), _Effort(3, 16, 8, 4, 60), _Effort(3, 24, 10, 6, 30)
+_PLAIN, _HARD, _HARDEST = _Effort(3, 5, 5, 2, 10), _Effort(3, 16, 8, 8, 60), _Effort(3, 24, 16, 16, 60)
 """For the cone; for the image, whose edges make many more local optima; for the worst target, with more still."""
 _LARGE = _Effort(1, 0, 1, 1, 0)
 """For a rig in which hardly anybody shares a target: there, one start is nearly as good as many."""
@@ -130,11 +130,11 @@ def _running(task: Task, scene: Scene, aims: Mapping[str, Aim]) -> Configuration
 
 def _quick(task: Task, running: Configuration, proposed: list[Configuration], expired: Expired) -> Configuration:
     """Return the best of what lies about the running configuration, or about a proposal that is clearly better."""
-    best = slsqp(task, compass(task, running, expired), expired, rough=True)
+    best = sqp(task, compass(task, running, expired), expired, rough=True)
     for other in proposed:
         if expired():
             break
-        improved = slsqp(task, compass(task, other, expired), expired, rough=True)
+        improved = sqp(task, compass(task, other, expired), expired, rough=True)
         if better(improved.score, best.score, _ADOPTED_SHARE):
             best = improved
     return best
@@ -154,7 +154,7 @@ def _thorough(
     if task.worst and not expired():
         # The mean's optimum is often near that of the worst target, which has less to tell it where to go.
         mean = _polished(replace(task, worst=False), table, allowed, rng, expired)
-        polished += [slsqp(task, configuration(task, found.vectors), expired) for found in mean]
+        polished += [sqp(task, configuration(task, found.vectors), expired) for found in mean]
     best = running or allowed[0]
     for found in polished:
         if better(found.score, best.score) and permitted(task.problem, found.vectors):
@@ -174,7 +174,7 @@ def _polished(
     rough = _ranked([compass(task, each, expired) for each in found[: effort.rough]])
     rounds = min(effort.kicks, _KICK_WORK // max(len(table.block) * len(task.reachable), 1))
     rough = [kicked(task, table, rough[0], rounds, rng, expired), *rough]
-    return [slsqp(task, each, expired, rough=True) for each in _ranked(rough)[: effort.polished]]
+    return [sqp(task, each, expired, rough=True) for each in _ranked(rough)[: effort.polished]]
 
 
 def _effort(task: Task) -> _Effort:

@@ -1,4 +1,4 @@
-"""From the best candidates to the optimum beside them: compass search, then SLSQP with the visibility frozen. Pure.
+"""From the best candidates to the optimum beside them: compass search, then SQP with the visibility frozen. Pure.
 
 Whatever a step proposes counts only if the true, hard objective is better for it.
 """
@@ -18,24 +18,26 @@ from camrig.optimise.configuration import (
     empty_sums,
     permitted,
 )
-from camrig.optimise.frozen import FrozenProblem
+from camrig.optimise.frozen import frozen
 from camrig.optimise.kernels.compass import Rows, fill
 from camrig.optimise.kernels.compass import compass as compass_kernel
 from camrig.optimise.kernels.descent import Table
 from camrig.optimise.kernels.kick import kick
+from camrig.optimise.kernels.newton import newton
 from camrig.optimise.kernels.problem import VARIABLES, Flags, Ints
 from camrig.optimise.kernels.state import Sums
 from camrig.optimise.objective import better
 from camrig.optimise.search import Expired
 
-SCALES: Array = np.array([0.16, 0.032, 0.0064])
+SCALES: Array = np.array([0.16, 0.04])
 FINE_SCALES: Array = np.array([0.16, 0.064, 0.0256, 0.01, 0.004, 0.0016])
-"""Steps in radians or metres; what is finer than the last is left to SLSQP."""
+"""Steps in radians or metres; what is finer than the last is left to SQP."""
 _EXACT, _ROUGH = (60, 1e-9), (10, 1e-5)
-"""SLSQP's most iterations, and the accuracy of the objective in mm."""
+"""SQP's most iterations, and the accuracy of the objective in mm."""
+_AT_ONCE = 10
+"""Iterations of SQP between two looks at the clock."""
 _MOST_ROUNDS = 4
 _WORTHWHILE, _FINE_WORTHWHILE = 1e-3, 2e-5
-_SCALES_LARGE = 2
 _KICKS_AT_ONCE = 8
 _BUDGET = 400_000
 """Sights that the compass may look at before it looks at the clock."""
@@ -64,8 +66,6 @@ class _Search:
     def run(self, expired: Expired, dirty: Flags, *, fine: bool) -> None:
         """Move until nobody can do better."""
         scales, worthwhile = (FINE_SCALES, _FINE_WORTHWHILE) if fine else (SCALES, _WORTHWHILE)
-        if self.task.large:
-            scales = SCALES[:_SCALES_LARGE]
         least_gain, at = worthwhile * float(self.sums.cost.sum()), 0
         while at >= 0 and not expired():
             at = compass_kernel(
@@ -129,24 +129,23 @@ def kicked(
     return moved if task.worst or better(moved.score, start.score) else start
 
 
-def slsqp(task: Task, start: Configuration, expired: Expired, *, rough: bool = False) -> Configuration:
+def sqp(task: Task, start: Configuration, expired: Expired, *, rough: bool = False) -> Configuration:
     """Move all cameras together, keeping what each sees; the result counts if it is truly better.
 
     A rig with too many variables for it is left as it is. ``rough``: only as far as tells which start is best.
     """
-    if task.large:
+    if task.large or not len(start.targets) or not (task.problem.low < task.problem.high).any():
         return start
-    frozen = FrozenProblem.at(task, start)
-    if not frozen.size or expired():
-        return start
-    first = frozen.variables()
-    reached = frozen.solve(*(_ROUGH if rough else _EXACT), expired)
-    if reached is None or not np.isfinite(reached).all():
-        return start
+    smooth = frozen(task, start)
+    vectors = start.vectors.copy()
+    iterations, accuracy_mm = _ROUGH if rough else _EXACT
+    while iterations > 0 and not expired():
+        taken = newton(task.problem, smooth, vectors, min(iterations, _AT_ONCE), accuracy_mm)
+        iterations = iterations - taken if taken == _AT_ONCE else 0
     for share in (1.0, 0.999, 0.9, 0.5):
-        vectors = frozen.vectors(first + share * (reached - first))
-        if permitted(task.problem, vectors):
-            moved = configuration(task, vectors)
+        between = start.vectors + share * (vectors - start.vectors)
+        if permitted(task.problem, between):
+            moved = configuration(task, between)
             if better(moved.score, start.score):
                 return moved
     return start
@@ -156,7 +155,7 @@ def finish(task: Task, start: Configuration, table: Table, expired: Expired) -> 
     """Alternate the two, with finer steps, until the compass finds nothing more."""
     best = start
     for _ in range(_MOST_ROUNDS):
-        best = slsqp(task, best, expired)
+        best = sqp(task, best, expired)
         moved = compass(task, best, expired, table, fine=True)
         gained = better(moved.score, best.score, 1e-6)
         if better(moved.score, best.score):

@@ -19,7 +19,7 @@ Expired = Callable[[], bool]
 Block = tuple[Array, tuple[Ints, Ints, Array]]
 """Candidates (K, 6) and their sparse rows: ends, targets, worths."""
 
-_EFFORT = (64, 4000)
+_EFFORT = (64, 2000)
 """Fewest and most candidates of one camera."""
 _LOOKS, _LOOKS_LARGE = 1_500_000, 100_000
 """Sights that all candidates of a scene may cost together, as far as the fewest allow."""

@@ -17,7 +17,7 @@ from camrig.geometry.pose import transform
 from camrig.messages import Aim, DroneAim, HeadAim, PlanStatus
 from camrig.optimise import FixedPlace, PlannerSettings, Scene, SceneCamera, SceneTarget
 from camrig.optimise.configuration import configuration
-from camrig.optimise.frozen import FrozenProblem
+from camrig.optimise.polish import sqp
 from camrig.optimise.scene import Visibility
 from tests.planner_scenes import LAB, TILT, check_permitted, clock, drone, head, scenes, solve, targets, task
 
@@ -172,9 +172,6 @@ def test_the_smooth_problem_agrees_with_the_hard_one_where_it_starts(visibility:
     vectors = np.array([[1.0, 1.0, 2.7, 0.7, -1.0, 0.0], [1.2, 1.1, 1.9, 0, 0, 0], [2.2, 2.1, 1.5, 0, 0, 0]])
     here = configuration(whole, vectors)
     assert here.score.uncovered == 0.0
-    frozen = FrozenProblem.at(whole, here)
-    solved = frozen.solve(60, 1e-9, lambda: False)
-    assert solved is not None
-    reached = configuration(whole, frozen.vectors(solved))
+    reached = sqp(whole, here, lambda: False)
     assert reached.score.uncovered == 0.0
     assert reached.score.quality_m < here.score.quality_m

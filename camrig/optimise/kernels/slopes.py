@@ -25,53 +25,62 @@ def worth_slopes(problem: Problem, i: int, u: Array, targets: Ints, worths: Arra
     """
     lens = lens_of(problem.cameras[i], problem.lenses, u)
     R, origin = pose_of(problem.cameras[i], u)
-    known = known_pose(problem, i, u, lens, R, origin)
     quality = int(problem.settings[QUALITY])
     worths[:, :] = 0.0
     slopes[:, :, :] = 0.0
+    twists = np.zeros((VARIABLES, 6))
+    for variable in range(VARIABLES):
+        if problem.cameras[i, LOW + variable] < problem.cameras[i, HIGH + variable]:
+            if variable == ZOOM:
+                _zoom_slopes(problem, i, u, targets, slopes)
+            else:
+                twist_of(problem.cameras[i], u, variable, twists[variable])
+    if quality != FISHER:
+        _gain_slopes(problem, lens, R, origin, twists, targets, worths, slopes)
+        return
+    known = known_pose(problem, i, u, lens, R, origin)
     for t in range(len(targets)):
         add_worth(quality, lens, R, origin, known, problem.targets[targets[t]], 1.0, worths[t])
-    twist = np.empty(6)
-    for variable in range(VARIABLES):
-        if problem.cameras[i, LOW + variable] >= problem.cameras[i, HIGH + variable]:
-            continue
-        if variable == ZOOM:
-            _zoom_slopes(problem, i, u, targets, slopes)
-            continue
-        twist_of(problem.cameras[i], u, variable, twist)
-        if quality == FISHER:
+    for variable in range(ZOOM):
+        if problem.cameras[i, LOW + variable] < problem.cameras[i, HIGH + variable]:
             known_by = _known_slope(problem, i, u, variable)
-            _information_slopes(problem, lens, R, origin, known, known_by, twist, targets, slopes[:, variable])
-        else:
-            _gain_slopes(problem, lens, R, origin, twist, targets, slopes[:, variable])
+            _information_slopes(
+                problem, lens, R, origin, known, known_by, twists[variable], targets, slopes[:, variable]
+            )
 
 
 @compiled
 def _gain_slopes(
-    problem: Problem, lens: Array, R: Array, origin: Array, twist: Array, targets: Ints, slopes: Array
+    problem: Problem,
+    lens: Array,
+    R: Array,
+    origin: Array,
+    twists: Array,
+    targets: Ints,
+    worths: Array,
+    slopes: Array,
 ) -> None:
+    by = np.empty(3)
     for t in range(len(targets)):
         target = problem.targets[targets[t]]
         x, y, z = to_camera(R, origin, target, POINT)
         if problem.settings[QUALITY] == PIXEL:
-            _, by_x, by_y, by_z = pixel_gain_slopes(lens, x, y, z)
+            worths[t, 0], by_x, by_y, by_z = pixel_gain_slopes(lens, x, y, z)
         else:
-            _, by_x, by_y, by_z = perspective_gain_slopes(lens, x, y, z)
-        still = _drift(twist, origin, target)
+            worths[t, 0], by_x, by_y, by_z = perspective_gain_slopes(lens, x, y, z)
         for k in range(3):
-            by = R[k, 0] * by_x + R[k, 1] * by_y + R[k, 2] * by_z
-            slopes[t, 0] += by * still[k]
+            by[k] = R[k, 0] * by_x + R[k, 1] * by_y + R[k, 2] * by_z
+        for variable in range(ZOOM):
+            for k in range(3):
+                slopes[t, variable, 0] += by[k] * _drift(twists[variable], origin, target, k)
 
 
 @compiled
-def _drift(twist: Array, origin: Array, point: Array) -> Array:
-    """Return the velocity (3,), in world axes, at which a point that is fixed moves past a camera of this twist."""
-    out = np.empty(3)
-    for k in range(3):
-        a, b = (k + 1) % 3, (k + 2) % 3
-        turned = twist[3 + a] * (point[b] - origin[b]) - twist[3 + b] * (point[a] - origin[a])
-        out[k] = -twist[k] - turned
-    return out
+def _drift(twist: Array, origin: Array, point: Array, k: int) -> float:
+    """Return the velocity, along world axis ``k``, at which a fixed point moves past a camera of this twist."""
+    a, b = (k + 1) % 3, (k + 2) % 3
+    turned = twist[3 + a] * (point[b] - origin[b]) - twist[3 + b] * (point[a] - origin[a])
+    return float(-twist[k] - turned)
 
 
 @compiled

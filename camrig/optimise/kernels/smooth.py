@@ -47,19 +47,9 @@ def qualities(problem: Problem, vectors: Array, seen: Flags, column: Ints, size:
     sees has quality 0.
     """
     quality = int(problem.settings[QUALITY])
-    channels = CHANNELS[quality]
-    count = len(problem.targets)
-    total, value = np.zeros((count, channels)), np.zeros(count)
-    by, gradient = np.zeros((count, size, channels)), np.zeros((count, size))
-    for i in range(len(vectors)):
-        targets: Ints = np.flatnonzero(seen[i]).astype(np.int64)
-        worths, slopes = np.empty((len(targets), channels)), np.empty((len(targets), VARIABLES, channels))
-        worth_slopes(problem, i, vectors[i], targets, worths, slopes)
-        for t in range(len(targets)):
-            total[targets[t]] += worths[t]
-            for variable in range(VARIABLES):
-                if column[i, variable] >= 0:
-                    by[targets[t], column[i, variable]] += slopes[t, variable]
+    total, by = totals(problem, vectors, seen, column, size)
+    count, channels = total.shape
+    value, gradient = np.zeros(count), np.zeros((count, size))
     of_channel = np.empty(channels)
     for j in range(count):
         if not seen[:, j].any():
@@ -69,6 +59,25 @@ def qualities(problem: Problem, vectors: Array, seen: Flags, column: Ints, size:
             for c in range(channels):
                 gradient[j, k] += of_channel[c] * by[j, k, c]
     return value, gradient
+
+
+@compiled
+def totals(problem: Problem, vectors: Array, seen: Flags, column: Ints, size: int) -> tuple[Array, Array]:
+    """Return what all cameras add up to at each target (m, C), and its derivatives (m, size, C)."""
+    channels = CHANNELS[int(problem.settings[QUALITY])]
+    count = len(problem.targets)
+    total, by = np.zeros((count, channels)), np.zeros((count, size, channels))
+    for i in range(len(vectors)):
+        targets: Ints = np.flatnonzero(seen[i]).astype(np.int64)
+        worths, slopes = np.empty((len(targets), channels)), np.empty((len(targets), VARIABLES, channels))
+        worth_slopes(problem, i, vectors[i], targets, worths, slopes)
+        for t in range(len(targets)):
+            for c in range(channels):
+                total[targets[t], c] += worths[t, c]
+                for variable in range(VARIABLES):
+                    if column[i, variable] >= 0:
+                        by[targets[t], column[i, variable], c] += slopes[t, variable, c]
+    return total, by
 
 
 @compiled
@@ -99,10 +108,15 @@ def active_edges(problem: Problem, vectors: Array, seen: Flags, anchors: Flags, 
 @compiled
 def clearance(problem: Problem, row: Ints, u: Array) -> float:
     """Return how far inside an edge of view a point is, as a share of the view."""
-    camera, corner = problem.cameras[row[0]], row[2]
+    lens = lens_of(problem.cameras[row[0]], problem.lenses, u)
+    R, origin = pose_of(problem.cameras[row[0]], u)
+    return _clearance_from(problem, row, lens, R, origin)
+
+
+@compiled
+def _clearance_from(problem: Problem, row: Ints, lens: Array, R: Array, origin: Array) -> float:
     target = problem.targets[row[1]] if row[1] >= 0 else problem.anchors[-1 - row[1]]
-    lens = lens_of(camera, problem.lenses, u)
-    R, origin = pose_of(camera, u)
+    corner = row[2]
     x, y, z = to_camera(R, origin, target, POINT if corner == CENTRE else ROOM + 3 * corner)
     margin_rad = problem.settings[MARGIN]
     if problem.settings[CONE] > 0.0:
@@ -113,22 +127,40 @@ def clearance(problem: Problem, row: Ints, u: Array) -> float:
 
 @compiled
 def clearances(problem: Problem, rows: Ints, vectors: Array, column: Ints, size: int) -> tuple[Array, Array]:
-    """Return the clearances (Q,) and their Jacobian (Q, size)."""
-    value, slopes = np.empty(len(rows)), np.zeros((len(rows), size))
-    for q in range(len(rows)):
-        i = rows[q, 0]
-        value[q] = clearance(problem, rows[q], vectors[i])
-        u = vectors[i].copy()
+    """Return the clearances (Q,) of rows that are in the order of cameras, and their Jacobian (Q, size)."""
+    value, jacobian, slopes = np.empty(len(rows)), np.zeros((len(rows), size)), np.empty((len(rows), VARIABLES))
+    first = 0
+    while first < len(rows):
+        i, end = rows[first, 0], first
+        while end < len(rows) and rows[end, 0] == i:
+            value[end] = clearance(problem, rows[end], vectors[i])
+            end += 1
+        clearance_slopes(problem, rows[first:end], vectors[i], column[i], slopes[first:end])
         for variable in range(VARIABLES):
-            if column[i, variable] < 0:
-                continue
-            before, after = vectors[i, variable] - STEP, vectors[i, variable] + STEP
-            if variable == ZOOM:  # beyond its table a lens stays as it is
-                before = max(before, problem.cameras[i, LOW + ZOOM])
-                after = min(after, problem.cameras[i, HIGH + ZOOM])
-            u[variable] = after
-            ahead = clearance(problem, rows[q], u)
-            u[variable] = before
-            slopes[q, column[i, variable]] = (ahead - clearance(problem, rows[q], u)) / (after - before)
-            u[variable] = vectors[i, variable]
-    return value, slopes
+            if column[i, variable] >= 0:
+                jacobian[first:end, column[i, variable]] = slopes[first:end, variable]
+        first = end
+    return value, jacobian
+
+
+@compiled
+def clearance_slopes(problem: Problem, rows: Ints, u: Array, column: Ints, slopes: Array) -> None:
+    """Fill the derivatives (Q, 6) of one camera's clearances by its variables; 0 where its column (6,) is below 0."""
+    slopes[:, :] = 0.0
+    if len(rows) == 0:
+        return
+    i = rows[0, 0]
+    for variable in range(VARIABLES):
+        if column[variable] < 0:
+            continue
+        ends = u[variable] - STEP, u[variable] + STEP
+        if variable == ZOOM:  # beyond its table a lens stays as it is
+            ends = max(ends[0], problem.cameras[i, LOW + ZOOM]), min(ends[1], problem.cameras[i, HIGH + ZOOM])
+        for side in range(2):
+            moved = u.copy()
+            moved[variable] = ends[side]
+            lens = lens_of(problem.cameras[i], problem.lenses, moved)
+            R, origin = pose_of(problem.cameras[i], moved)
+            share = (2.0 * side - 1.0) / (ends[1] - ends[0])
+            for q in range(len(rows)):
+                slopes[q, variable] += share * _clearance_from(problem, rows[q], lens, R, origin)
