@@ -14,18 +14,16 @@ import numpy as np
 
 from camrig.geometry.airspace import inside_any
 from camrig.geometry.arrays import Array
+from camrig.optimise.kernels.aims import directions_worth_a_look, grid_directions, head_vectors, pairs_of, within
 from camrig.optimise.kernels.pose import lens_of, pose_of
 from camrig.optimise.kernels.problem import MARGIN, PAN, POINT, VARIABLES, ZOOM, Ints, Problem, X, Y, Z
 from camrig.optimise.kernels.vertex import vertices
-from camrig.optimise.places import head_vectors, within
 from camrig.sensing.lens_row import ALPHA
 from camrig.sensing.view import side_angles
 
 _FLOOR_AIMS, _FLOOR_LOOKS = (81, 400), 4_000
 """Fewest and most aims at a grid on the floor; small scenes can afford to look at more of them."""
 _SCAN_STEPS = 12
-_AROUND = 0.25
-"""An axis may well point beside all targets, by this share of their extent."""
 _HEIGHTS = 5
 _STEP_M = 0.25
 _MOST_STEPS = 24
@@ -35,7 +33,6 @@ _MOST_TRIPLES = 600
 _MOST_PAIRS = 200
 _MOST_VERTEX_PAIRS = 60
 _MOST_MOUNTS = 48
-_CLUSTERS = (3, 4, 6, 8, 10, 13, 16, 20)
 _ALMOST = 1.0 - 1e-9
 _YAWS = 4
 
@@ -62,7 +59,7 @@ def floor_views(problem: Problem, i: int) -> Array:
     if problem.separation_m[i] >= 0.0:
         return _outside(problem, _box_grid(problem, i, _SCAN_STEP_M, _SCAN_HEIGHTS))
     stands = problem.low[i, : Z + 1]
-    directions = _towards_floor(problem.points, _eye(problem, i, stands), _SCAN_STEPS)
+    directions = grid_directions(problem.points, _eye(problem, i, stands), _SCAN_STEPS)
     return np.unique(head_vectors(problem, i, stands, directions, 0.0).round(6), axis=0)
 
 
@@ -74,23 +71,12 @@ def _thinned(vectors: Array, effort: int) -> Array:
 
 
 def _head_candidates(problem: Problem, i: int, stands: Array, points: Array, effort: int) -> Array:
-    rays = points - _eye(problem, i, stands)
-    u = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-9)
-    first, second = _some_pairs(len(u), effort // 5)
-    aims = [u]
-    if first.size:
-        middles, normals, half = _pairs(u[first], u[second])
-        for edge_rad in _edges(problem, i, stands):
-            reach = np.arccos(np.clip(math.cos(edge_rad) / np.cos(half), -1.0, 1.0))
-            fits = half < edge_rad
-            turn = (reach * _ALMOST)[fits, None]
-            across = np.sin(turn) * normals[fits]
-            aims += [np.cos(turn) * middles[fits] + across, np.cos(turn) * middles[fits] - across]
-    aims.append(_cluster_middles(u, effort // 4))
+    first, second = _some_pairs(len(points), effort // 5)
     looks = _FLOOR_LOOKS // (len(problem.cameras) * len(points))
     steps = math.isqrt(int(np.clip(looks, min(_FLOOR_AIMS[0], effort // 4), _FLOOR_AIMS[1])))
-    aims.append(_towards_floor(points, _eye(problem, i, stands), max(steps, 3)))
-    directions = np.concatenate(aims)
+    edges = np.array(_edges(problem, i, stands))
+    eye = _eye(problem, i, stands)
+    directions = directions_worth_a_look(points, eye, edges, first, second, effort // 4, max(steps, 3))
     zooms = np.linspace(0.0, problem.high[i, ZOOM], 1 + min(4, 2 * int(problem.high[i, ZOOM])))
     return np.concatenate([head_vectors(problem, i, stands, directions, float(zoom)) for zoom in zooms])
 
@@ -109,39 +95,22 @@ def _mounted_candidates(problem: Problem, i: int, points: Array, effort: int) ->
 def _some_pairs(count: int, most: int) -> tuple[Ints, Ints]:
     """Return the pairs of ``count`` things, thinned out evenly to ``most``."""
     if count * (count - 1) // 2 <= min(most, _MOST_PAIRS):
-        return np.triu_indices(count, k=1)
+        return pairs_of(count)
     few = max(2, math.isqrt(2 * min(most, _MOST_PAIRS)))
     chosen = np.linspace(0, count - 1, min(few, count)).astype(np.int64)
-    first, second = np.triu_indices(len(chosen), k=1)
+    first, second = pairs_of(len(chosen))
     return chosen[first], chosen[second]
 
 
 def _vertices(problem: Problem, i: int, stands: Array, reachable: Ints) -> Array:
     """Return the aims that put two targets on two sides of the picture; none where those are too many."""
-    first, second = np.triu_indices(len(reachable), k=1)
-    if problem.cone or not len(first) or len(problem.cameras) * len(first) > _MOST_VERTEX_PAIRS:
+    count = len(reachable) * (len(reachable) - 1) // 2
+    if problem.cone or not count or len(problem.cameras) * count > _MOST_VERTEX_PAIRS:
         return np.zeros((0, VARIABLES))
+    first, second = pairs_of(len(reachable))
     pairs = np.column_stack([reachable[first], reachable[second]])
     middles = problem.points[pairs].mean(axis=1) - _eye(problem, i, stands)
     return vertices(problem, i, head_vectors(problem, i, stands, middles, 0.0), pairs)
-
-
-def _pairs(u: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Return the middles, the normals and half the angle of pairs of unit directions (P, 3)."""
-    middles, normals = u + v, np.cross(u, v)
-    middles /= np.maximum(np.linalg.norm(middles, axis=1, keepdims=True), 1e-9)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    return middles, normals, np.arccos(np.clip((u * v).sum(axis=1), -1.0, 1.0)) / 2.0
-
-
-def _cluster_middles(u: Array, most: int) -> Array:
-    """Return the directions in the middle of each target's nearest neighbours, two, three … of them: to see many."""
-    centres = u if len(u) <= most // 4 else u[np.linspace(0, len(u) - 1, max(1, most // 4)).astype(int)]
-    nearest = np.argsort(-centres @ u.T, axis=1)
-    counts = sorted({min(count, len(u)) for count in _CLUSTERS})
-    lows = np.minimum.accumulate(u[nearest], axis=1)[:, [count - 1 for count in counts]]
-    highs = np.maximum.accumulate(u[nearest], axis=1)[:, [count - 1 for count in counts]]
-    return ((lows + highs) / 2.0).reshape(-1, 3)
 
 
 def _edges(problem: Problem, i: int, stands: Array) -> list[float]:
@@ -152,14 +121,6 @@ def _edges(problem: Problem, i: int, stands: Array) -> list[float]:
     if problem.cone:
         return [float(lens[ALPHA]) - margin_rad]
     return sorted({round(angle - margin_rad, 3) for angle in side_angles(lens) if angle > margin_rad})
-
-
-def _towards_floor(points: Array, origin: Array, steps: int) -> Array:
-    """Return directions from ``origin`` to a grid over the targets' extent, at their mean height."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    low, high = low - _AROUND * (high - low), high + _AROUND * (high - low)
-    x, y = np.meshgrid(np.linspace(low[0], high[0], steps), np.linspace(low[1], high[1], steps))
-    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, points[:, 2].mean())]) - origin
 
 
 def _drone_candidates(problem: Problem, i: int, points: Array, effort: int) -> Array:
@@ -214,7 +175,7 @@ def _columns(xy: Array, heights: Array) -> Array:
 
 def _circles(xy: Array) -> tuple[Array, Array]:
     """Return centres (C, 2) and radii of the circles on pairs and through triples of (m, 2) points."""
-    first, second = np.triu_indices(len(xy), k=1)
+    first, second = pairs_of(len(xy))
     centres = [(xy[first] + xy[second]) / 2.0]
     radii = [np.linalg.norm(xy[first] - xy[second], axis=1) / 2.0]
     triples = np.array(list(itertools.islice(itertools.combinations(range(len(xy)), 3), _MOST_TRIPLES)), dtype=int)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,8 +9,7 @@ import numpy as np
 from camrig.geometry.airspace import flight_box
 from camrig.geometry.arrays import Array, Transform
 from camrig.messages import Aim, DroneAim, HeadAim
-from camrig.optimise.kernels.pose import pose_of
-from camrig.optimise.kernels.problem import ARM_R, BASE_R, CAMERA_R, PAN, TILT, VARIABLES, ZOOM, Problem, Z
+from camrig.optimise.kernels.problem import PAN, TILT, VARIABLES, ZOOM, Z
 from camrig.optimise.scene import DronePlace, FixedPlace, HeadPlace, Place, SceneCamera
 
 
@@ -50,17 +48,6 @@ def bounds(place: Place) -> tuple[Array, Array]:
     return low, high
 
 
-def within(problem: Problem, i: int, vectors: Array) -> Array:
-    """Return (K, 6) vectors inside the limits of camera ``i``: a pan by whole turns if that helps, then clamped."""
-    low, high = problem.low[i], problem.high[i]
-    vectors = vectors.copy()
-    pan = vectors[:, PAN]
-    middle = (low[PAN] + high[PAN]) / 2.0
-    turned = middle + (pan - middle + math.pi) % (2.0 * math.pi) - math.pi
-    vectors[:, PAN] = np.where((pan >= low[PAN]) & (pan <= high[PAN]), pan, turned)
-    return np.clip(vectors, low, high)
-
-
 def vector_of(camera: SceneCamera, aim: Aim | None) -> Array | None:
     """Return the (6,) vector of an aim; None where the aim is unknown or of another kind of camera.
 
@@ -96,33 +83,3 @@ def aim_of(camera: SceneCamera, vector: Array) -> Aim | None:
             return DroneAim((x, y, z), float(vector[PAN]))
         case FixedPlace():
             return None
-
-
-def head_vectors(problem: Problem, i: int, stands: Array, directions: Array, zoom: float) -> Array:
-    """Return the (K, 6) vectors, inside the limits, of a head standing at (3,) whose optical axes best follow
-    (K, 3) world directions.
-
-    A camera that does not look along the mount's x is met by correcting the angles by what its axis misses.
-    """
-    R_base = problem.cameras[i, BASE_R : BASE_R + 9].reshape(3, 3)
-    vectors = np.zeros((len(directions), VARIABLES))
-    vectors[:, : Z + 1], vectors[:, ZOOM] = stands, zoom
-    wanted = _angles(directions @ R_base)
-    vectors[:, PAN : TILT + 1] = wanted
-    if not _looks_ahead(problem, i):
-        for _ in range(3):
-            axis = np.array([pose_of(problem.cameras[i], u)[0][:, 2] for u in vectors]) @ R_base
-            missed = wanted - _angles(axis)
-            missed[:, 0] = (missed[:, 0] + math.pi) % (2.0 * math.pi) - math.pi
-            vectors[:, PAN : TILT + 1] += missed
-    return within(problem, i, vectors)
-
-
-def _looks_ahead(problem: Problem, i: int) -> bool:
-    arm_R, camera_R = (problem.cameras[i, at : at + 9].reshape(3, 3) for at in (ARM_R, CAMERA_R))
-    return bool(np.abs(arm_R - np.eye(3)).max() < 1e-12 and np.abs(camera_R[:, 2] - [1.0, 0.0, 0.0]).max() < 1e-12)
-
-
-def _angles(directions: Array) -> Array:
-    x, y, z = directions[:, 0], directions[:, 1], directions[:, 2]
-    return np.column_stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])

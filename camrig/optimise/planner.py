@@ -16,11 +16,12 @@ from camrig.optimise.check import check_aims
 from camrig.optimise.configuration import Configuration, Task, configuration, permitted, task_of
 from camrig.optimise.dealing import dealt
 from camrig.optimise.hysteresis import Motion, settle
+from camrig.optimise.kernels.aims import within
 from camrig.optimise.kernels.descent import Table
 from camrig.optimise.kernels.problem import Problem
 from camrig.optimise.objective import better
-from camrig.optimise.places import vector_of, within
-from camrig.optimise.polish import compass, finish, kicked, sqp
+from camrig.optimise.places import vector_of
+from camrig.optimise.polish import QUICK, compass, finish, kicked, sqp
 from camrig.optimise.problem import problem_of
 from camrig.optimise.scene import Scene, with_yaws
 from camrig.optimise.search import Expired, Start, search, table_of
@@ -130,11 +131,11 @@ def _running(task: Task, scene: Scene, aims: Mapping[str, Aim]) -> Configuration
 
 def _quick(task: Task, running: Configuration, proposed: list[Configuration], expired: Expired) -> Configuration:
     """Return the best of what lies about the running configuration, or about a proposal that is clearly better."""
-    best = sqp(task, compass(task, running, expired), expired, rough=True)
+    best = sqp(task, compass(task, running, expired, steps=QUICK), expired, rough=True)
     for other in proposed:
         if expired():
             break
-        improved = sqp(task, compass(task, other, expired), expired, rough=True)
+        improved = sqp(task, compass(task, other, expired, steps=QUICK), expired, rough=True)
         if better(improved.score, best.score, _ADOPTED_SHARE):
             best = improved
     return best

@@ -6,6 +6,7 @@ Whatever a step proposes counts only if the true, hard objective is better for i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,15 +30,24 @@ from camrig.optimise.kernels.state import Sums
 from camrig.optimise.objective import better
 from camrig.optimise.search import Expired
 
-SCALES: Array = np.array([0.16, 0.04])
-FINE_SCALES: Array = np.array([0.16, 0.064, 0.0256, 0.01, 0.004, 0.0016])
-"""Steps in radians or metres; what is finer than the last is left to SQP."""
+
+class Steps(NamedTuple):
+    """How far a compass looks, in radians or metres; and the share of the cost for which others look again."""
+
+    scales: Array
+    worthwhile: float
+
+
+COARSE = Steps(np.array([0.16, 0.04]), 1e-3)
+"""Between many starts: what is finer is left to SQP."""
+QUICK = Steps(np.array([0.2, 0.06, 0.015]), 1e-3)
+"""From the running configuration, which has moved under the targets and is the only start."""
+FINE = Steps(np.array([0.16, 0.064, 0.0256, 0.01, 0.004, 0.0016]), 2e-5)
 _EXACT, _ROUGH = (60, 1e-9), (10, 1e-5)
 """SQP's most iterations, and the accuracy of the objective in mm."""
 _AT_ONCE = 10
 """Iterations of SQP between two looks at the clock."""
 _MOST_ROUNDS = 4
-_WORTHWHILE, _FINE_WORTHWHILE = 1e-3, 2e-5
 _KICKS_AT_ONCE = 8
 _BUDGET = 400_000
 """Sights that the compass may look at before it looks at the clock."""
@@ -63,10 +73,9 @@ class _Search:
         movable: Flags = np.asarray((task.problem.low < task.problem.high).any(axis=1))
         return cls(task, table or _no_table(task), vectors, rows, sums, movable)
 
-    def run(self, expired: Expired, dirty: Flags, *, fine: bool) -> None:
+    def run(self, expired: Expired, dirty: Flags, steps: Steps) -> None:
         """Move until nobody can do better."""
-        scales, worthwhile = (FINE_SCALES, _FINE_WORTHWHILE) if fine else (SCALES, _WORTHWHILE)
-        least_gain, at = worthwhile * float(self.sums.cost.sum()), 0
+        least_gain, at = steps.worthwhile * float(self.sums.cost.sum()), 0
         while at >= 0 and not expired():
             at = compass_kernel(
                 self.task.problem,
@@ -75,7 +84,7 @@ class _Search:
                 self.sums,
                 self.vectors,
                 dirty,
-                scales,
+                steps.scales,
                 least_gain,
                 at,
                 _BUDGET,
@@ -83,7 +92,7 @@ class _Search:
 
     def kick(self, cameras: Ints, candidates: Ints) -> None:
         """Put cameras (N,), one after the other, at candidates (N,) of the table; keep what is better."""
-        least_gain = _WORTHWHILE * float(self.sums.cost.sum())
+        least_gain = COARSE.worthwhile * float(self.sums.cost.sum())
         kick(
             self.task.problem,
             self.table,
@@ -92,7 +101,7 @@ class _Search:
             self.sums,
             self.vectors,
             self.movable,
-            SCALES,
+            COARSE.scales,
             least_gain,
             candidates,
             cameras,
@@ -100,13 +109,13 @@ class _Search:
 
 
 def compass(
-    task: Task, start: Configuration, expired: Expired, table: Table | None = None, *, fine: bool = False
+    task: Task, start: Configuration, expired: Expired, table: Table | None = None, steps: Steps = COARSE
 ) -> Configuration:
     """Move one camera at a time to the best point of a star of many scales about it, or to the best of its candidates
     in ``table``, until none moves.
     """
     search = _Search.at(task, start, table)
-    search.run(expired, search.movable.copy(), fine=fine)
+    search.run(expired, search.movable.copy(), steps)
     # Running sums differ from fresh ones in the last bit: judge all plans alike.
     moved = configuration(task, search.vectors)
     return moved if task.worst or better(moved.score, start.score) else start
@@ -156,7 +165,7 @@ def finish(task: Task, start: Configuration, table: Table, expired: Expired) -> 
     best = start
     for _ in range(_MOST_ROUNDS):
         best = sqp(task, best, expired)
-        moved = compass(task, best, expired, table, fine=True)
+        moved = compass(task, best, expired, table, FINE)
         gained = better(moved.score, best.score, 1e-6)
         if better(moved.score, best.score):
             best = moved

@@ -25,7 +25,6 @@ from camrig.optimise.comparators.graph import graph_of
 from camrig.optimise.comparators.ipopt import load_casadi
 from camrig.optimise.configuration import configuration, empty_rows, empty_sums, task_of
 from camrig.optimise.kernels.problem import Ints, Problem
-from camrig.optimise.kernels.smooth import qualities
 from camrig.optimise.kernels.smoothed import smoothed
 from camrig.optimise.kernels.swarm import Range, score_of
 from camrig.optimise.places import bounds, vector_of
@@ -259,9 +258,9 @@ def test_a_sharp_visibility_is_the_hard_one(
     size = int(free_variables(problem).sum())
     compared = 0
     for vectors in draws(problem):
-        seen = configuration(task, vectors).seen()
+        here = configuration(task, vectors)
+        seen, exact = here.seen(), here.quality_m
         covered = seen.any(axis=0)
-        exact, _ = qualities(problem, vectors, seen, column, size)
         value, _, view, _ = smoothed(problem, vectors, column, size, 1e6, math.inf)
         assert value[covered] == pytest.approx(exact[covered], rel=1e-6)
         assert (np.round(np.exp(view)) == seen.sum(axis=0)).all()

@@ -11,9 +11,8 @@ from camrig.geometry.arrays import Array
 from camrig.optimise import PlannerSettings
 from camrig.optimise.configuration import Configuration, Task, configuration
 from camrig.optimise.frozen import frozen
-from camrig.optimise.kernels.frozen import Frozen, joint, kept_of, qualities_of, values, with_joint
+from camrig.optimise.kernels.frozen import Frozen, joint, kept_of, qualities_of, totals, values, with_joint
 from camrig.optimise.kernels.newton import newton
-from camrig.optimise.kernels.smooth import totals
 from camrig.optimise.scene import Objective, Visibility
 from camrig.optimise.search import Start, search, table_of
 from tests.planner_scenes import task
@@ -40,7 +39,7 @@ def by_slsqp(whole: Task, smooth: Frozen, here: Configuration) -> float:
         return float(smooth.share @ values(problem, smooth, vectors(x))[0])
 
     def slopes(x: Array) -> Array:
-        total, by = totals(problem, vectors(x), smooth.seen, smooth.column, size)
+        total, by = totals(problem, smooth, vectors(x))
         return np.asarray(smooth.share @ qualities_of(problem, total, by, smooth.share)[1])
 
     def kept(x: Array) -> Array:

@@ -102,7 +102,8 @@ def test_a_quick_plan_covers_what_was_covered_and_is_no_worse(
     later = jittered(scene, moved_m, 1)
     before, plan = optimise.quality_at(later, start), quick(later, start)
     check_permitted(later, plan)
-    assert set(plan.uncovered) <= set(before.uncovered) or len(plan.uncovered) < len(before.uncovered)
+    # Where not all can be covered, another target of the same weight may be the one that is left out.
+    assert len(plan.uncovered) <= len(before.uncovered)
     assert rank(plan) <= rank(before)
 
 

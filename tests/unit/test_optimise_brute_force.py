@@ -10,9 +10,9 @@ import pytest
 
 from camrig.geometry.arrays import Array
 from camrig.optimise import HeadPlace, PlannerSettings, Scene
+from camrig.optimise.kernels.aims import within
 from camrig.optimise.kernels.problem import PAN, X
 from camrig.optimise.kernels.table import rows_of
-from camrig.optimise.places import within
 from camrig.optimise.scene import Visibility
 from tests.planner_scenes import BOX, room_scene, solve, task
 

@@ -15,9 +15,10 @@ from camrig.geometry.pose import transform
 from camrig.geometry.rotation import rotation_exp, rotation_from_rpy, rotation_z
 from camrig.messages import Aim, DroneAim, HeadAim
 from camrig.optimise import FixedPlace, HeadPlace, Scene, SceneCamera
+from camrig.optimise.kernels.aims import head_vectors, within
 from camrig.optimise.kernels.pose import lens_of, pose_of, twist_of
 from camrig.optimise.kernels.problem import PAN, TILT, VARIABLES, ZOOM, Problem
-from camrig.optimise.places import aim_of, bounds, head_vectors, vector_of, within
+from camrig.optimise.places import aim_of, bounds, vector_of
 from camrig.optimise.problem import problem_of
 from camrig.optimise.scene import ZoomStep
 from camrig.sensing.lens_row import FX

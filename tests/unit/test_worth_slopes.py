@@ -27,12 +27,12 @@ from camrig.optimise import (
 )
 from camrig.optimise.configuration import configuration
 from camrig.optimise.frozen import frozen
-from camrig.optimise.kernels.frozen import hessian_of, joint, kept_of, qualities_of, values, with_joint
+from camrig.optimise.kernels.frozen import hessian_of, joint, kept_of, qualities_of, totals, values, with_joint
 from camrig.optimise.kernels.pose import lens_of, pose_of
 from camrig.optimise.kernels.problem import CHANNELS, CORNERS, QUALITY, ZOOM, Ints, Problem, Z
 from camrig.optimise.kernels.sight import cone_cosine, sees
 from camrig.optimise.kernels.slopes import worth_slopes
-from camrig.optimise.kernels.smooth import totals
+from camrig.optimise.kernels.worth import anchors_in_view
 from camrig.optimise.problem import problem_of
 from camrig.optimise.scene import Quality, Visibility, ZoomStep
 from camrig.sensing.lens_row import R_MAX, pixel_at
@@ -92,7 +92,9 @@ def _worths_and_slopes(problem: Problem, u: Array) -> tuple[Array, Array]:
     targets: Ints = np.arange(len(problem.targets))
     channels = CHANNELS[int(problem.settings[QUALITY])]
     found, slopes = np.empty((len(targets), channels)), np.empty((len(targets), 6, channels))
-    worth_slopes(problem, 0, u, targets, found, slopes)
+    lens = lens_of(problem.cameras[0], problem.lenses, u)
+    anchors = anchors_in_view(problem, lens, *pose_of(problem.cameras[0], u))
+    worth_slopes(problem, 0, u, anchors, targets, found, slopes)
     return found, slopes
 
 
@@ -189,7 +191,7 @@ def test_the_whole_smooth_problem_has_the_slopes_and_the_curvature_it_says(
     def slopes(at: Array) -> tuple[Array, Array, Array]:
         """Of the qualities, of the constraints, and the Lagrangian's curvature."""
         vectors = with_joint(smooth, start, at)
-        total, by = totals(problem, vectors, smooth.seen, smooth.column, size)
+        total, by = totals(problem, smooth, vectors)
         quality_slopes = qualities_of(problem, total, by, smooth.share)[1]
         hessian = hessian_of(problem, smooth, vectors, total, by, importance, prices)
         return quality_slopes, kept_of(problem, smooth, vectors, size)[1], hessian

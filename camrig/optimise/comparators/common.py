@@ -9,9 +9,9 @@ import numpy as np
 
 from camrig.geometry.arrays import Array
 from camrig.optimise.configuration import Task
+from camrig.optimise.kernels.aims import head_vectors
 from camrig.optimise.kernels.pose import pose_of
 from camrig.optimise.kernels.problem import TILT, ZOOM, Flags, Problem, Z
-from camrig.optimise.places import head_vectors
 from camrig.optimise.scene import Scene
 
 

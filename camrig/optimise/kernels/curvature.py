@@ -66,7 +66,14 @@ def _unpacked(channels: Array, out: Array) -> None:
 
 @compiled
 def add_cameras(
-    problem: Problem, vectors: Array, seen: Flags, column: Ints, by: Array, price: Array, matrix: Array
+    problem: Problem,
+    vectors: Array,
+    seen: Flags,
+    anchors: Flags,
+    column: Ints,
+    by: Array,
+    price: Array,
+    matrix: Array,
 ) -> None:
     """Add the curvature of what each camera adds to what it sees, at a ``price`` (m, C) of each channel.
 
@@ -82,7 +89,7 @@ def add_cameras(
             step = _step(problem, i, vectors[i], variable)
             moved = vectors[i].copy()
             moved[variable] += step
-            worth_slopes(problem, i, moved, targets, worths, there)
+            worth_slopes(problem, i, moved, anchors[i], targets, worths, there)
             for other in range(VARIABLES):
                 if column[i, other] < 0:
                     continue

@@ -15,8 +15,9 @@ from camrig.geometry.jit import compiled
 from camrig.optimise.kernels.curvature import add_cameras, add_fusion, add_gaps, add_view
 from camrig.optimise.kernels.pose import lens_of, pose_of
 from camrig.optimise.kernels.problem import CHANNELS, QUALITY, VARIABLES, Flags, Ints, Problem, Y
+from camrig.optimise.kernels.slopes import worth_slopes
 from camrig.optimise.kernels.smooth import clearance, clearances
-from camrig.optimise.kernels.worth import add_worth, known_pose, quality_of, quality_slopes
+from camrig.optimise.kernels.worth import add_worth, pose_known_by, quality_of, quality_slopes
 
 MM = 1e3
 INSIDE = 1e-9
@@ -27,6 +28,8 @@ class Frozen(NamedTuple):
     """What stays as it is: who sees whom (n, m), and what of that must be kept."""
 
     seen: Flags
+    anchors: Flags
+    """(n, A) the anchors that count as seen: a camera's pose is known by them."""
     column: Ints
     """(n, 6) the place of a camera's variable among the joint ones, -1 for what is not free."""
     edges: Ints
@@ -70,7 +73,7 @@ def values(problem: Problem, frozen: Frozen, vectors: Array) -> tuple[Array, Arr
     for i in range(len(vectors)):
         lens = lens_of(problem.cameras[i], problem.lenses, vectors[i])
         R, origin = pose_of(problem.cameras[i], vectors[i])
-        known = known_pose(problem, i, vectors[i], lens, R, origin)
+        known = pose_known_by(problem, i, vectors[i], frozen.anchors[i], lens, R, origin)
         for j in range(len(frozen.share)):
             if frozen.seen[i, j]:
                 add_worth(quality, lens, R, origin, known, problem.targets[j], 1.0, total[j])
@@ -92,6 +95,25 @@ def _gap(frozen: Frozen, vectors: Array, p: int) -> float:
     for axis in range(Y + 1):
         square += (vectors[frozen.pairs[p, 0], axis] - vectors[frozen.pairs[p, 1], axis]) ** 2
     return float(square)
+
+
+@compiled
+def totals(problem: Problem, frozen: Frozen, vectors: Array) -> tuple[Array, Array]:
+    """Return what all cameras add up to at each target (m, C), and its derivatives (m, size, C)."""
+    channels = CHANNELS[int(problem.settings[QUALITY])]
+    count, size = len(problem.targets), int(frozen.column.max()) + 1
+    total, by = np.zeros((count, channels)), np.zeros((count, size, channels))
+    for i in range(len(vectors)):
+        targets: Ints = np.flatnonzero(frozen.seen[i]).astype(np.int64)
+        worths, slopes = np.empty((len(targets), channels)), np.empty((len(targets), VARIABLES, channels))
+        worth_slopes(problem, i, vectors[i], frozen.anchors[i], targets, worths, slopes)
+        for t in range(len(targets)):
+            for c in range(channels):
+                total[targets[t], c] += worths[t, c]
+                for variable in range(VARIABLES):
+                    if frozen.column[i, variable] >= 0:
+                        by[targets[t], frozen.column[i, variable], c] += slopes[t, variable, c]
+    return total, by
 
 
 @compiled
@@ -139,7 +161,7 @@ def hessian_of(
     prices: Array,
 ) -> Array:
     """Return the Lagrangian's second derivatives (size, size): of the qualities in mm, each counting its ``importance``
-    (m,), less those of the constraints at their ``prices`` (Q + P,). ``total`` and ``by`` are ``smooth.totals``.
+    (m,), less those of the constraints at their ``prices`` (Q + P,). ``total`` and ``by`` are ``totals``.
     """
     quality = int(problem.settings[QUALITY])
     size, edges = by.shape[1], len(frozen.edges)
@@ -149,7 +171,7 @@ def hessian_of(
             add_fusion(total[j], by[j], quality, MM * importance[j], matrix)
             quality_slopes(total[j], quality, of_channel)
             price[j] = MM * importance[j] * of_channel
-    add_cameras(problem, vectors, frozen.seen, frozen.column, by, price, matrix)
+    add_cameras(problem, vectors, frozen.seen, frozen.anchors, frozen.column, by, price, matrix)
     add_view(problem, vectors, frozen.edges, frozen.column, -prices[:edges], matrix)
     add_gaps(frozen.pairs, frozen.column, -prices[edges:], matrix)
     return matrix

@@ -13,10 +13,19 @@ import numpy as np
 
 from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
-from camrig.optimise.kernels.frozen import INSIDE, Frozen, hessian_of, joint, kept_of, qualities_of, values, with_joint
+from camrig.optimise.kernels.frozen import (
+    INSIDE,
+    Frozen,
+    hessian_of,
+    joint,
+    kept_of,
+    qualities_of,
+    totals,
+    values,
+    with_joint,
+)
 from camrig.optimise.kernels.problem import HIGH, LOW, VARIABLES, Problem
 from camrig.optimise.kernels.quadratic import cholesky, quadratic
-from camrig.optimise.kernels.smooth import totals
 
 _FIRST_REACH, _MOST_REACH = 0.2, 1.0
 """How far a step may go in each variable, in radians or metres: what cameras see is known nearby alone."""
@@ -47,7 +56,7 @@ def newton(problem: Problem, frozen: Frozen, vectors: Array, iterations: int, ac
         _first_importance(values(problem, frozen, vectors)[0], frozen.share, importance)
     d, root, longest = np.zeros(size + 1), np.empty((size, size)), math.inf
     for iteration in range(iterations):
-        total, by = totals(problem, vectors, frozen.seen, frozen.column, size)
+        total, by = totals(problem, frozen, vectors)
         quality_mm, slopes = qualities_of(problem, total, by, frozen.share)
         inside, inside_slopes = kept_of(problem, frozen, vectors, size)
         height = _height(frozen, quality_mm)
@@ -114,12 +123,10 @@ def _convex(matrix: Array, prices: Array, slopes: Array) -> Array:
     lower = np.empty((size, size))
     if cholesky(matrix, lower):
         return lower
-    largest = 1e-9
-    for k in range(size):
-        largest = max(largest, abs(matrix[k, k]))
+    largest = max(np.abs(matrix).max(), 1e-9)
     for q in range(len(prices)):
-        if prices[q] > 0.0:
-            squared = (slopes[q] * slopes[q]).sum()
+        squared = (slopes[q] * slopes[q]).sum()
+        if prices[q] > 0.0 and squared > 0.0:
             for k in range(size):
                 for h in range(size):
                     matrix[k, h] += largest * slopes[q, k] * slopes[q, h] / squared
@@ -179,6 +186,8 @@ def _step(
     if not quadratic(root, linear, rows, least, found, prices) and not quadratic(
         root, linear, rows, np.minimum(least, 0.0), found, prices
     ):
+        return False
+    if not np.isfinite(found).all():
         return False
     d[:wide] = found
     multipliers[:kept] = prices[:kept] / lengths[:kept]

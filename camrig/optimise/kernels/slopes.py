@@ -7,9 +7,21 @@ import numpy as np
 from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
 from camrig.optimise.kernels.pose import lens_of, pose_of, twist_of
-from camrig.optimise.kernels.problem import FISHER, HIGH, LOW, PIXEL, POINT, QUALITY, VARIABLES, ZOOM, Ints, Problem
+from camrig.optimise.kernels.problem import (
+    FISHER,
+    HIGH,
+    LOW,
+    PIXEL,
+    POINT,
+    QUALITY,
+    VARIABLES,
+    ZOOM,
+    Flags,
+    Ints,
+    Problem,
+)
 from camrig.optimise.kernels.sight import to_camera
-from camrig.optimise.kernels.worth import add_worth, known_pose, lever_of, place_noise, to_world
+from camrig.optimise.kernels.worth import add_worth, lever_of, place_noise, pose_known_by, to_world
 from camrig.sensing.fisher import information_slope, invert_symmetric
 from camrig.sensing.point import perspective_gain_slopes, pixel_gain_slopes
 
@@ -18,10 +30,12 @@ STEP = 1e-6
 
 
 @compiled
-def worth_slopes(problem: Problem, i: int, u: Array, targets: Ints, worths: Array, slopes: Array) -> None:
+def worth_slopes(
+    problem: Problem, i: int, u: Array, anchors: Flags, targets: Ints, worths: Array, slopes: Array
+) -> None:
     """Fill what camera ``i`` adds to each of the targets (T,), worths (T, C), and its slopes (T, 6, C) by variable.
 
-    All targets count as seen; variables that are not free get 0.
+    All the targets and the ``anchors`` (A,) count as seen; variables that are not free get 0.
     """
     lens = lens_of(problem.cameras[i], problem.lenses, u)
     R, origin = pose_of(problem.cameras[i], u)
@@ -32,18 +46,18 @@ def worth_slopes(problem: Problem, i: int, u: Array, targets: Ints, worths: Arra
     for variable in range(VARIABLES):
         if problem.cameras[i, LOW + variable] < problem.cameras[i, HIGH + variable]:
             if variable == ZOOM:
-                _zoom_slopes(problem, i, u, targets, slopes)
+                _zoom_slopes(problem, i, u, anchors, targets, slopes)
             else:
                 twist_of(problem.cameras[i], u, variable, twists[variable])
     if quality != FISHER:
         _gain_slopes(problem, lens, R, origin, twists, targets, worths, slopes)
         return
-    known = known_pose(problem, i, u, lens, R, origin)
+    known = pose_known_by(problem, i, u, anchors, lens, R, origin)
     for t in range(len(targets)):
         add_worth(quality, lens, R, origin, known, problem.targets[targets[t]], 1.0, worths[t])
     for variable in range(ZOOM):
         if problem.cameras[i, LOW + variable] < problem.cameras[i, HIGH + variable]:
-            known_by = _known_slope(problem, i, u, variable)
+            known_by = _known_slope(problem, i, u, anchors, variable)
             _information_slopes(
                 problem, lens, R, origin, known, known_by, twists[variable], targets, slopes[:, variable]
             )
@@ -129,19 +143,19 @@ def _information_slopes(
 
 
 @compiled
-def _known_slope(problem: Problem, i: int, u: Array, variable: int) -> Array:
+def _known_slope(problem: Problem, i: int, u: Array, anchors: Flags, variable: int) -> Array:
     step = np.zeros(VARIABLES)
     step[variable] = STEP
     R_a, origin_a = pose_of(problem.cameras[i], u - step)
     R_b, origin_b = pose_of(problem.cameras[i], u + step)
     lens = lens_of(problem.cameras[i], problem.lenses, u)
-    before = known_pose(problem, i, u - step, lens, R_a, origin_a)
-    after = known_pose(problem, i, u + step, lens, R_b, origin_b)
+    before = pose_known_by(problem, i, u - step, anchors, lens, R_a, origin_a)
+    after = pose_known_by(problem, i, u + step, anchors, lens, R_b, origin_b)
     return (after - before) / (2.0 * STEP)
 
 
 @compiled
-def _zoom_slopes(problem: Problem, i: int, u: Array, targets: Ints, slopes: Array) -> None:
+def _zoom_slopes(problem: Problem, i: int, u: Array, anchors: Flags, targets: Ints, slopes: Array) -> None:
     R, origin = pose_of(problem.cameras[i], u)
     quality = int(problem.settings[QUALITY])
     # Beyond its table a lens stays as it is: at an end of it the difference is one-sided.
@@ -150,7 +164,7 @@ def _zoom_slopes(problem: Problem, i: int, u: Array, targets: Ints, slopes: Arra
         moved = u.copy()
         moved[ZOOM] = ends[1] if sign > 0.0 else ends[0]
         lens = lens_of(problem.cameras[i], problem.lenses, moved)
-        known = known_pose(problem, i, moved, lens, R, origin)
+        known = pose_known_by(problem, i, moved, anchors, lens, R, origin)
         for t in range(len(targets)):
             target = problem.targets[targets[t]]
             share = sign / (ends[1] - ends[0])

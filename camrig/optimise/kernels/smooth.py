@@ -1,7 +1,6 @@
-"""The smooth problem beside a configuration: what each camera sees now it must go on seeing; nothing else counts.
+"""How far inside its edges of view a camera has what it sees: the constraints of the smooth problem. Compiled.
 
-Qualities and their gradients are analytic; the clearances of view that bind the solver are central differences of
-compiled formulas. Compiled.
+Their slopes are central differences of compiled formulas.
 """
 
 from __future__ import annotations
@@ -14,13 +13,11 @@ from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
 from camrig.optimise.kernels.pose import lens_of, pose_of
 from camrig.optimise.kernels.problem import (
-    CHANNELS,
     CONE,
     HIGH,
     LOW,
     MARGIN,
     POINT,
-    QUALITY,
     REACH,
     ROOM,
     TAGGED,
@@ -31,53 +28,11 @@ from camrig.optimise.kernels.problem import (
     Problem,
 )
 from camrig.optimise.kernels.sight import to_camera
-from camrig.optimise.kernels.slopes import STEP, worth_slopes
-from camrig.optimise.kernels.worth import quality_slopes
+from camrig.optimise.kernels.slopes import STEP
 from camrig.sensing.lens_row import ALPHA, WIDTH
 from camrig.sensing.view import cone_clearance, image_clearance
 
 CENTRE, EDGES = 4, 5
-
-
-@compiled
-def qualities(problem: Problem, vectors: Array, seen: Flags, column: Ints, size: int) -> tuple[Array, Array]:
-    """Return the fused quality (m,) of what is seen (n, m), and its gradient (m, size).
-
-    ``column`` (n, 6) is the place of a camera's variable among the joint ones, -1 for what is not free. What nobody
-    sees has quality 0.
-    """
-    quality = int(problem.settings[QUALITY])
-    total, by = totals(problem, vectors, seen, column, size)
-    count, channels = total.shape
-    value, gradient = np.zeros(count), np.zeros((count, size))
-    of_channel = np.empty(channels)
-    for j in range(count):
-        if not seen[:, j].any():
-            continue
-        value[j] = quality_slopes(total[j], quality, of_channel)
-        for k in range(size):
-            for c in range(channels):
-                gradient[j, k] += of_channel[c] * by[j, k, c]
-    return value, gradient
-
-
-@compiled
-def totals(problem: Problem, vectors: Array, seen: Flags, column: Ints, size: int) -> tuple[Array, Array]:
-    """Return what all cameras add up to at each target (m, C), and its derivatives (m, size, C)."""
-    channels = CHANNELS[int(problem.settings[QUALITY])]
-    count = len(problem.targets)
-    total, by = np.zeros((count, channels)), np.zeros((count, size, channels))
-    for i in range(len(vectors)):
-        targets: Ints = np.flatnonzero(seen[i]).astype(np.int64)
-        worths, slopes = np.empty((len(targets), channels)), np.empty((len(targets), VARIABLES, channels))
-        worth_slopes(problem, i, vectors[i], targets, worths, slopes)
-        for t in range(len(targets)):
-            for c in range(channels):
-                total[targets[t], c] += worths[t, c]
-                for variable in range(VARIABLES):
-                    if column[i, variable] >= 0:
-                        by[targets[t], column[i, variable], c] += slopes[t, variable, c]
-    return total, by
 
 
 @compiled

@@ -9,7 +9,7 @@ import numpy as np
 from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
 from camrig.optimise.kernels.pose import pose_covariance
-from camrig.optimise.kernels.problem import CORNERS, FISHER, PIXEL, POINT, QUALITY, Problem
+from camrig.optimise.kernels.problem import CORNERS, FISHER, PIXEL, POINT, QUALITY, Flags, Problem
 from camrig.optimise.kernels.sight import cone_cosine, sees, to_camera
 from camrig.sensing.fisher import invert_symmetric, place_covariance, tag_information
 from camrig.sensing.point import perspective_gain, pixel_gain
@@ -23,23 +23,38 @@ def known_pose(problem: Problem, i: int, u: Array, lens: Array, R: Array, origin
     """
     if problem.settings[QUALITY] != FISHER:
         return np.empty((0, 0))
+    return pose_known_by(problem, i, u, anchors_in_view(problem, lens, R, origin), lens, R, origin)
+
+
+@compiled
+def anchors_in_view(problem: Problem, lens: Array, R: Array, origin: Array) -> Flags:
+    """Return which anchors (A,) are seen from a pose."""
+    out = np.zeros(len(problem.anchors), dtype=np.bool_)
+    cosine = cone_cosine(problem.settings, lens)
+    for k in range(len(out)):
+        out[k] = sees(problem.settings, problem.boxes, lens, cosine, R, origin, problem.anchors[k])
+    return out
+
+
+@compiled
+def pose_known_by(problem: Problem, i: int, u: Array, anchors: Flags, lens: Array, R: Array, origin: Array) -> Array:
+    """Return what ``known_pose`` would if the camera saw just these anchors (A,), wherever they are; empty too where
+    the model does not ask.
+    """
+    if problem.settings[QUALITY] != FISHER:
+        return np.empty((0, 0))
     covariance = np.empty((6, 6))
     pose_covariance(problem.cameras[i], u, covariance)
-    total, found = np.zeros((6, 6)), np.empty((6, 6))
-    seen = False
-    corners, camera = np.empty((4, 3)), np.zeros(3)
-    cosine = cone_cosine(problem.settings, lens)
-    centre = np.empty(3)
-    for k in range(len(problem.anchors)):
-        anchor = problem.anchors[k]
-        if sees(problem.settings, problem.boxes, lens, cosine, R, origin, anchor):
-            seen = True
-            _corners_in_camera(R, origin, anchor, corners)
-            centre[0], centre[1], centre[2] = to_camera(R, origin, anchor, POINT)
-            tag_information(lens, corners, centre, camera, found)
-            total += found
-    if not seen:
+    if not anchors.any():
         return covariance
+    total, found = np.zeros((6, 6)), np.empty((6, 6))
+    corners, camera, centre = np.empty((4, 3)), np.zeros(3), np.empty(3)
+    for k in np.flatnonzero(anchors):
+        anchor = problem.anchors[k]
+        _corners_in_camera(R, origin, anchor, corners)
+        centre[0], centre[1], centre[2] = to_camera(R, origin, anchor, POINT)
+        tag_information(lens, corners, centre, camera, found)
+        total += found
     turn = np.zeros((6, 6))
     turn[:3, :3] = R
     turn[3:, 3:] = R
