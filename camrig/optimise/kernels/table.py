@@ -14,7 +14,8 @@ from camrig.optimise.kernels.problem import CHANNELS, NEEDS_ANCHOR, QUALITY, Int
 from camrig.optimise.kernels.sight import cone_cosine, sees
 from camrig.optimise.kernels.worth import add_worth, known_pose, quality_of
 
-_LEAST_WORTH = 1e-9
+_FINEST_M, _COARSEST_M = 1e-9, 100.0
+"""What else a camera tells of a target's place is beyond what numbers can hold beside another camera's view."""
 
 
 @compiled
@@ -40,8 +41,8 @@ def look(problem: Problem, i: int, u: Array, reachable: Ints, seen: Ints, worths
         for c in range(channels):
             worths[count, c] = 0.0
         add_worth(quality, lens, R, origin, known, problem.targets[j], 1.0, worths[count])
-        if not (_LEAST_WORTH < quality_of(worths[count], quality) < 1.0 / _LEAST_WORTH):
-            continue  # a tag of a few micrometres tells nothing that numbers can hold
+        if not (_FINEST_M < quality_of(worths[count], quality) < _COARSEST_M):
+            continue
         seen[count] = j
         count += 1
     return count
