@@ -48,7 +48,9 @@ _EXACT, _ROUGH = (60, 1e-9), (10, 1e-5)
 _AT_ONCE = 10
 """Iterations of SQP between two looks at the clock."""
 _MOST_ROUNDS = 4
+"""Of the last polish; of 72 random scenes all but one took one."""
 _KICKS_AT_ONCE = 8
+"""Kicks between two looks at the clock."""
 _BUDGET = 400_000
 """Sights that the compass may look at before it looks at the clock."""
 

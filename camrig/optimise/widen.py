@@ -12,6 +12,7 @@ from camrig.optimise.polish import compass
 from camrig.optimise.search import Expired
 
 _HOPELESS = 0.02
+"""The share that seeing a target more may cost before the others have moved: beyond it, it is not followed up."""
 _WIDENED = 2
 """How many of the targets nearest to its view each camera is tried with."""
 

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
 from camrig.sensing.lens_row import FX, FY, curvatures_at, slopes_at
@@ -49,13 +47,3 @@ def perspective_gain_slopes(lens: Array, x: float, y: float, z: float) -> tuple[
     square = x * x + y * y + z * z
     gain = math.sqrt(lens[FX] * lens[FY]) * z / square
     return gain, -2.0 * gain * x / square, -2.0 * gain * y / square, gain / z - 2.0 * gain * z / square
-
-
-@compiled
-def pixel_gains(lens: Array, points: Array) -> Array:
-    """Return (N,) gains of (N, 3) points; 0 at and behind the camera's plane."""
-    gains = np.zeros(len(points))
-    for k in range(len(points)):
-        if points[k, 2] > 0.0:
-            gains[k] = pixel_gain(lens, points[k, 0], points[k, 1], points[k, 2])
-    return gains

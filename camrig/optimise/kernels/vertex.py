@@ -11,9 +11,12 @@ from camrig.optimise.kernels.smooth import CENTRE, clearance
 
 SIDES = 4
 _INSIDE = 1e-9
+"""How far inside the sides the targets come to lie, as a share of the view: on them, rounding decides."""
 _STEP = 1e-6
 _MOST_STEPS = 12
+"""Newton's method doubles its digits; a start that has not arrived by then is on its way to nowhere."""
 _LONGEST_RAD = 0.3
+"""Of a step: about a third of a view, beyond which a linear picture of the lens is none."""
 
 
 @compiled

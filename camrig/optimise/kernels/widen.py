@@ -12,9 +12,10 @@ from camrig.optimise.kernels.compass import star
 from camrig.optimise.kernels.problem import TAGGED, Ints, Problem
 from camrig.optimise.kernels.smooth import CENTRE, EDGES, clearance
 
-_SHRINK = 0.4
-_STEPS = 9
+_SHRINK, _STEPS = 0.4, 9
+"""From a tenth of a radian or metre down to 0.0001, less than a pixel."""
 _MOST_MOVES = 40
+"""Rounds of the star; what is wider by more than that is found from another start."""
 
 
 @compiled
