@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 
 class CamrigError(Exception):
@@ -58,8 +59,29 @@ class HardwareError(CamrigError):
     exit_code = 3
 
 
+class LinkLoss(StrEnum):
+    """Why a link is lost, as it is published."""
+
+    ABSENT = "absent"
+    """Unplugged, or never plugged in."""
+    BUSY = "busy"
+    """Another program holds the device."""
+    DENIED = "denied"
+    """This user may not open it."""
+    STALLED = "stalled"
+    """It is there and delivers nothing that can be used."""
+    CHANGED = "changed"
+    """It came back as something else than what was configured."""
+    FAILED = "failed"
+    """Anything else: trouble on the wire or the bus."""
+
+
 class LinkLost(HardwareError):  # noqa: N818 - a state of a link, named as it is published
     """The device's link is gone or silent; opening it again may bring it back."""
+
+    def __init__(self, text: str, loss: LinkLoss = LinkLoss.FAILED) -> None:
+        super().__init__(text)
+        self.loss = loss
 
 
 class NotEnabledError(HardwareError):

@@ -11,7 +11,7 @@ Unless a docstring says otherwise a device is used by one thread: its worker.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
 from camrig.geometry.arrays import GreyImage, Transform
@@ -41,14 +41,30 @@ class Driver(Generic[SpecT, DeviceT]):
     rig itself. ``make`` gets ``{id: (spec, section)}`` of *all* devices of this driver, so that heads on one bus
     share one port, and returns ``{id: device}``; it opens nothing. ``check`` gets the same and returns
     ``(id, key, message)`` for every fault that no section shows by itself (two heads with one address, pictures of
-    another size than the lens). ``discover`` lists what is
-    plugged in, where a driver can.
+    another size than the lens). ``discover`` lists what is plugged in, where a driver can; it never moves anything.
     """
 
     section: type[Any]
     make: Callable[[Mapping[str, tuple[SpecT, Any]]], Mapping[str, DeviceT]]
     check: Callable[[Mapping[str, tuple[SpecT, Any]]], Sequence[tuple[str, str, str]]] | None = None
-    discover: Callable[[], Sequence[str]] | None = None
+    discover: Callable[[], Sequence[Found]] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A device, or the port of one, that is plugged in."""
+
+    name: str
+    """The name to use in a rig's file: the one that lasts longest."""
+    title: str
+    section: Mapping[str, object]
+    """What a rig's file needs of this driver's keys to use it."""
+    size_px: tuple[int, int] | None = None
+    """The size of a camera's pictures with that section."""
+    facts: Mapping[str, object] = field(default_factory=dict)
+    """All else there is to know, as it goes into JSON."""
+    trouble: str = ""
+    """Why it cannot be used now, and what to do; empty where it can."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,6 +73,10 @@ class ControlBank:
         """Forget, as a camera without power does."""
         self._values = {control.id: control.value for control in self.controls}
 
+    def preset(self, name: str, value: int) -> None:
+        """Set what an automatic mode has found, or an operator has left."""
+        self._values |= {control.id: value for control in self.controls if control.name == name}
+
     def held(self, name: str) -> int:
         return next(self._values[control.id] for control in self.controls if control.name == name)
 

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
-from camrig.clock import RealClock
+from camrig.clock import ManualClock, RealClock
 from camrig.rig import CameraSpec
 from camrig_drivers.v4l2 import V4l2Camera, V4l2Section
 from camrig_drivers.v4l2.port import Ready
@@ -38,7 +38,7 @@ QUERYCAP, ENUM_FMT, S_FMT = 0x80685600, 0xC0405602, 0xC0D05605
 REQBUFS, QUERYBUF, QBUF, DQBUF = 0xC0145608, 0xC0585609, 0xC058560F, 0xC0585611
 STREAMON, STREAMOFF, G_PARM, S_PARM = 0x40045612, 0x40045613, 0xC0CC5615, 0xC0CC5616
 QUERYMENU, G_EXT_CTRLS, S_EXT_CTRLS = 0xC02C5625, 0xC0205647, 0xC0205648
-ENUM_FRAMESIZES, QUERY_EXT_CTRL = 0xC02C564A, 0xC0E85667
+ENUM_FRAMESIZES, ENUM_FRAMEINTERVALS, QUERY_EXT_CTRL = 0xC02C564A, 0xC034564B, 0xC0E85667
 
 _BUFFER = struct.Struct("<5I4x2q16s2IQ2Ii4x")
 _PIX = struct.Struct("<12I")
@@ -93,6 +93,14 @@ class FakeKernel:
         self._lock = threading.RLock()
         self._fds: set[int] = set()
         self._mapped: list[mmap.mmap] = []
+        self.path = PATH
+        """Where the camera is; another after a replug under another number."""
+        self.serial = ""
+        self.card, self.bus_info = b"Test Camera", b"usb-1.2"
+        self.clock: ManualClock | None = None
+        """Where given, waiting in vain only moves its time on."""
+        self.first: bytes | None = None
+        """What it exposes by itself as soon as it streams."""
         self._plug_in()
 
     # --- the camera's end -------------------------------------------------------------------------------
@@ -141,7 +149,7 @@ class FakeKernel:
     # --- the driver's end: IoctlPort --------------------------------------------------------------------
 
     def open(self, path: str) -> int:
-        if path != PATH or not self.plugged:
+        if path not in (self.path, *self.links().get(self.path, ())) or not self.plugged:
             raise OSError(errno.ENOENT, os.strerror(errno.ENOENT))
         fd = os.eventfd(0, os.EFD_NONBLOCK)
         self._fds.add(fd)
@@ -173,10 +181,22 @@ class FakeKernel:
         poller = select.poll()
         for each in (fd, wake_fd):
             poller.register(each, select.POLLIN)
-        found = dict(poller.poll(timeout_s * 1000.0))
+        found = dict(poller.poll(0.0 if self.clock else timeout_s * 1000.0))
+        if self.clock is not None and not found:
+            self.clock.advance(timeout_s)
         with self._lock:
             fault = not self.plugged or DQBUF in self.faults
             return Ready(bool(self._full) and not fault, fault, wake_fd in found)
+
+    def nodes(self) -> list[str]:
+        return [self.path] if self.plugged else []
+
+    def links(self) -> dict[str, list[str]]:
+        return {}
+
+    def usb_serial(self, path: str) -> str:
+        assert path == self.path
+        return self.serial
 
     def close(self, fd: int) -> None:
         self._fds.remove(fd)
@@ -210,6 +230,7 @@ class FakeKernel:
             QUERYCAP: self._querycap,
             ENUM_FMT: self._enum_fmt,
             ENUM_FRAMESIZES: self._enum_sizes,
+            ENUM_FRAMEINTERVALS: self._enum_rates,
             S_FMT: self._s_fmt,
             G_PARM: self._g_parm,
             S_PARM: self._s_parm,
@@ -227,7 +248,7 @@ class FakeKernel:
 
     def _querycap(self, data: Argument) -> int:
         able, device_able = self.habits.capabilities, self.habits.device_capabilities
-        struct.pack_into("<16s32s32s3I", data, 0, b"uvcvideo", b"Test Camera", b"usb-1.2", 0x60100, able, device_able)
+        struct.pack_into("<16s32s32s3I", data, 0, b"uvcvideo", self.card, self.bus_info, 0x60100, able, device_able)
         return 0
 
     def _enum_fmt(self, data: Argument) -> int:
@@ -243,6 +264,14 @@ class FakeKernel:
         if index >= len(sizes):
             return errno.EINVAL
         struct.pack_into("<3I", data, 8, 1, *sizes[index])
+        return 0
+
+    def _enum_rates(self, data: Argument) -> int:
+        index, pixels, width, height = struct.unpack_from("<I4s2I", data)
+        assert (width, height) in self.habits.formats[pixels.decode()]
+        if not self.habits.knows_rates or index >= len(self.habits.rates_fps):
+            return errno.EINVAL
+        struct.pack_into("<3I", data, 16, 1, 1, self.habits.rates_fps[index])
         return 0
 
     def _s_fmt(self, data: Argument) -> int:
@@ -322,6 +351,8 @@ class FakeKernel:
     def _streamon(self, data: Argument) -> int:
         assert struct.unpack("<i", data) == (_CAPTURE,)
         self.streaming = True
+        if self.first is not None:
+            self.expose(self.first, RealClock().now_s())
         return 0
 
     def _streamoff(self, _: Argument) -> int:

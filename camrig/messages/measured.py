@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
+from camrig.errors import LinkLoss
 from camrig.geometry.arrays import Array, GreyImage, Transform
 from camrig.rig import TagKey
 
@@ -21,6 +22,8 @@ class Frame:
     stamp_known: bool = True
     source: str = ""
     """The file a frame came from, where it came from one."""
+    note: str = ""
+    """What an operator should know of the picture: that light is missing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,3 +120,5 @@ class LinkReport:
     status: LinkStatus
     stamp_s: float
     reason: str = ""
+    loss: LinkLoss | None = None
+    """Why it is lost, in one word; None where it is not."""

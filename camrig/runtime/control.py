@@ -76,7 +76,7 @@ class Control:
         links = self.links.take_all()
         for report in links:
             self.link_states[report.device_id] = report.status
-        refusals = [event for job in devices.drones.values() for event in job.refusals.take_all()]
+        told = [*(job.refusals for job in devices.drones.values()), *(job.notes for job in devices.cameras.values())]
         return Inputs(
             detections=_all(job.detections.take_all() for job in devices.cameras.values()),
             axis_readings=_all(job.readings.take_all() for job in devices.heads.values()),
@@ -84,7 +84,7 @@ class Control:
             links=links,
             answer=self.planner.poll(),
             enabled=frozenset(job.name for job in actuators if job.enabled),
-            events=tuple(refusals),
+            events=_all(mailbox.take_all() for mailbox in told),
         )
 
     def _command(self, outputs: Outputs) -> None:

@@ -10,7 +10,18 @@ from camrig.clock import Clock
 from camrig.detect import detect_tags
 from camrig.errors import HardwareError, LinkLost, NotEnabledError
 from camrig.interfaces import Camera, Drone, Head, TagDetector
-from camrig.messages import AxisReading, DroneAim, DroneReading, Event, Expected, HeadAim, Level, Region, TagDetections
+from camrig.messages import (
+    AxisReading,
+    DroneAim,
+    DroneReading,
+    Event,
+    Expected,
+    Frame,
+    HeadAim,
+    Level,
+    Region,
+    TagDetections,
+)
 from camrig.runtime.guardian_link import GuardianLink
 from camrig.runtime.mailbox import Mailbox
 
@@ -32,11 +43,13 @@ class CameraJob:
     clock: Clock
     detections: Mailbox[TagDetections] = field(default_factory=lambda: Mailbox(4))
     expected: Mailbox[Expected] = field(default_factory=lambda: Mailbox(1))
+    notes: Mailbox[Event] = field(default_factory=lambda: Mailbox(4))
     frames: int = 0
     whole_frames: int = 0
     detect_s: float = 0.0
     _detector: TagDetector | None = None
     _whole_s: float = float("-inf")
+    _note: str = ""
 
     def open(self) -> None:
         if self._detector is None:  # one detector per thread, kept for the life of the process
@@ -47,12 +60,19 @@ class CameraJob:
         frame = self.camera.read(CAMERA_TIMEOUT_S)
         if frame is None or self._detector is None:
             return
+        self._tell(frame)
         found = detect_tags(frame, self._detector, self.clock.now_s, self._regions(frame.stamp_s))
         self._whole_s = found.stamp_s if found.whole else self._whole_s
         self.frames += 1
         self.whole_frames += found.whole
         self.detect_s += found.detect_s
         self.detections.put(found)
+
+    def _tell(self, frame: Frame) -> None:
+        if frame.note != self._note:
+            level = Level.WARNING if frame.note else Level.INFO
+            self.notes.put(Event(frame.stamp_s, level, self.name, frame.note or "no longer so: " + self._note))
+            self._note = frame.note
 
     def _regions(self, stamp_s: float) -> tuple[Region, ...] | None:
         expected = self.expected.newest()

@@ -88,7 +88,7 @@ def status_of(view: View, fps: Mapping[str, float], events: tuple[Event, ...]) -
 
 def _link(view: View, device: str) -> dict[str, object]:
     report = view.link(device)
-    return {"link": report.status.value, "reason": report.reason}
+    return {"link": report.status.value, "loss": report.loss and report.loss.value, "reason": report.reason}
 
 
 def _target(target: Target, now_s: float) -> dict[str, object]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from camrig.clock import Clock
-from camrig.errors import CamrigError, EndOfInput, LinkLost
+from camrig.errors import CamrigError, EndOfInput, LinkLoss, LinkLost
 from camrig.messages import LinkReport, LinkStatus
 from camrig.runtime.mailbox import Mailbox
 
@@ -105,7 +105,7 @@ class Worker:
                     self.job.turn()
             except LinkLost as error:
                 self.job.close()
-                self._report(LinkStatus.LOST, str(error))
+                self._report(LinkStatus.LOST, str(error), error.loss)
                 self._beat()
                 self._stopping.wait(retry_s)
                 retry_s = min(2.0 * retry_s, LAST_RETRY_S)
@@ -114,8 +114,8 @@ class Worker:
     def _beat(self) -> None:
         self.beat_s = self.clock.now_s()
 
-    def _report(self, status: LinkStatus, reason: str) -> None:
-        self.links.put(LinkReport(self.job.name, status, self.clock.now_s(), reason))
+    def _report(self, status: LinkStatus, reason: str, loss: LinkLoss | None = None) -> None:
+        self.links.put(LinkReport(self.job.name, status, self.clock.now_s(), reason, loss))
 
 
 def log_failure(logger: logging.Logger, name: str, error: BaseException) -> None:

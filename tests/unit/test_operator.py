@@ -159,10 +159,17 @@ def test_status_says_what_is_known_and_null_where_nothing_is() -> None:
         },
     }
     assert status["heads"] == {
-        "pt1": {"link": "up", "reason": "", "enabled": True, "pan_deg": None, "tilt_deg": None},
-        "pt2": {"link": "lost", "reason": "no answer", "enabled": False, "pan_deg": None, "tilt_deg": None},
+        "pt1": {"link": "up", "loss": None, "reason": "", "enabled": True, "pan_deg": None, "tilt_deg": None},
+        "pt2": {
+            "link": "lost",
+            "loss": None,
+            "reason": "no answer",
+            "enabled": False,
+            "pan_deg": None,
+            "tilt_deg": None,
+        },
     }
-    assert status["drones"] == {"d1": {"link": "up", "reason": "", "flight": "unknown"}}
+    assert status["drones"] == {"d1": {"link": "up", "loss": None, "reason": "", "flight": "unknown"}}
 
 
 def test_status_tells_the_plan_and_the_flight() -> None:
@@ -172,7 +179,7 @@ def test_status_tells_the_plan_and_the_flight() -> None:
     desk = Desk(state=replace(state, mission=mission, flight={"d1": FlightState.FLYING}), now_s=10.0)
     status = desk.operator().handle({"command": "status"}, ME)
     assert status["phase"] == "tracking"
-    assert status["drones"] == {"d1": {"link": "up", "reason": "", "flight": "flying"}}
+    assert status["drones"] == {"d1": {"link": "up", "loss": None, "reason": "", "flight": "flying"}}
     assert status["plan"] == {
         "status": "partial",
         "uncovered": ["robot2"],

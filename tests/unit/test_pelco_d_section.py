@@ -101,7 +101,7 @@ def test_limits_that_read_back_cannot_tell_apart_are_a_fault() -> None:
 
 def test_discovered_ports_exist() -> None:
     assert driver.discover is not None
-    assert all(Path(port).exists() for port in driver.discover())
+    assert all(Path(port.name).exists() for port in driver.discover())
 
 
 # --- the axes -------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The YAML section, faults between cameras, and what is found plugged in."""
+"""The YAML section, and faults between cameras."""
 
 from pathlib import Path
 
@@ -10,9 +10,7 @@ from camrig.geometry.lens import BrownLens
 from camrig.plugins import load_driver
 from camrig.rig import CameraSpec, FreeMount
 from camrig_drivers.v4l2 import driver
-from camrig_drivers.v4l2.discovery import discover
 from camrig_drivers.v4l2.section import V4l2Section, check
-from tests.v4l2_kernel import PATH, FakeKernel, Habits
 
 
 def spec(name: str) -> CameraSpec:
@@ -76,44 +74,12 @@ def test_two_cameras_on_one_device_are_a_fault_whatever_they_call_it(tmp_path: P
     assert check(cameras) == [("b", "device", f"{link} is already the device of camera a")]
 
 
-class DevKernel(FakeKernel):
-    """Knows the same camera, or node of metadata, under a path of the test's own."""
-
-    def __init__(self, path: Path, habits: Habits) -> None:
-        super().__init__(habits)
-        self._path = str(path)
-
-    def open(self, path: str) -> int:
-        return super().open(PATH if path == self._path else path)
-
-
-def plugged_in(dev: Path) -> None:
-    for folder in ("v4l/by-id", "v4l/by-path"):
-        (dev / folder).mkdir(parents=True)
-    for number in range(3):
-        (dev / f"video{number}").touch()
-    (dev / "v4l/by-path/pci-usb-0:1-video-index0").symlink_to(dev / "video0")
-    (dev / "v4l/by-id/usb-Maker_Camera-video-index0").symlink_to(dev / "video0")
-    (dev / "v4l/by-path/pci-usb-0:2-video-index0").symlink_to(dev / "video1")
-
-
-def test_cameras_are_listed_once_by_their_steadiest_name(tmp_path: Path) -> None:
-    plugged_in(tmp_path)
-    kernel = DevKernel(tmp_path / "video0", Habits())
-    assert discover(kernel, tmp_path) == [
-        str(tmp_path / "v4l/by-id/usb-Maker_Camera-video-index0"),
-        str(tmp_path / "v4l/by-path/pci-usb-0:2-video-index0"),
-        str(tmp_path / "video2"),
-    ]
-    assert kernel.free
-
-
-def test_a_node_without_pictures_is_left_out(tmp_path: Path) -> None:
-    plugged_in(tmp_path)
-    kernel = DevKernel(tmp_path / "video0", Habits(device_capabilities=0x04A00000))
-    assert str(tmp_path / "v4l/by-id/usb-Maker_Camera-video-index0") not in discover(kernel, tmp_path)
-    assert kernel.free
-
-
-def test_nothing_plugged_in_is_an_empty_list(tmp_path: Path) -> None:
-    assert discover(dev=tmp_path) == []
+def test_exposure_is_ruled_by_one_alone() -> None:
+    blur = {"max_blur_px": 1.0, "speed_deg_s": 30.0}
+    with pytest.raises(ValidationError, match="`exposure` rules exposure_time_absolute itself"):
+        V4l2Section.model_validate(
+            {"device": "/dev/video0", "exposure": blur, "controls": {"exposure_time_absolute": 20}}
+        )
+    section = V4l2Section.model_validate({"device": "/dev/video0", "exposure": blur, "controls": {"brightness": 3}})
+    assert section.exposure is not None
+    assert section.exposure.longest_s(900.0) == pytest.approx(1.0 / (np.radians(30.0) * 900.0))

@@ -12,7 +12,7 @@ from itertools import pairwise
 import pytest
 
 from camrig.clock import Clock, ManualClock, RealClock
-from camrig.errors import EndOfInput, HardwareError, LinkLost
+from camrig.errors import EndOfInput, HardwareError, LinkLoss, LinkLost
 from camrig.messages import LinkReport, LinkStatus
 from camrig.runtime import worker as worker_module
 from camrig.runtime.mailbox import Mailbox
@@ -115,7 +115,7 @@ def test_a_lost_link_is_reopened() -> None:
     with running(job) as found:
         until(job.blocked.is_set)
         assert found.statuses() == [UP, LOST, UP]
-        assert found.reports[1] == LinkReport("north", LOST, found.reports[1].stamp_s, "unplugged")
+        assert found.reports[1] == LinkReport("north", LOST, found.reports[1].stamp_s, "unplugged", LinkLoss.FAILED)
         assert job.names() == ["open", "turn", "turn", "close", "open", "turn"]
     assert found.statuses() == [UP, LOST, UP, CLOSED]
     assert job.names()[-1] == "close"

@@ -55,7 +55,8 @@ def picture(number: int) -> bytes:
 
 def camera_on(kernel: FakeKernel, **section: object) -> V4l2Camera:
     model = V4l2Section.model_validate({"device": PATH, **section})
-    return V4l2Camera(SPEC, model, ManualClock(NOW_S), kernel)
+    kernel.clock = kernel.clock or ManualClock(NOW_S)
+    return V4l2Camera(SPEC, model, kernel.clock, kernel)
 
 
 def waiting_camera_on(kernel: FakeKernel) -> V4l2Camera:
@@ -355,6 +356,7 @@ class TestTrouble:
         assert errno.errorcode[error] in self.lost(lambda: camera.read(0.0))
         camera.close()
         kernel.faults.clear()
+        kernel.first = picture(4)
         camera.open()
         kernel.expose(picture(5), NOW_S - 0.1)
         assert frame_of(camera).image.tobytes() == luma(5)
@@ -380,12 +382,13 @@ class TestTrouble:
         assert "does not exist" in self.lost(camera.open)
         kernel.replug()
         assert kernel.controls.held("Brightness") == 0
+        kernel.first = picture(2)
         camera.open()
         assert kernel.controls.held("Brightness") == 12
         assert kernel.controls.held("Exposure Time, Absolute") == 100
         assert kernel.fps == 15
         kernel.expose(picture(3), NOW_S - 0.1)
-        assert frame_of(camera).sequence == 0
+        assert frame_of(camera).sequence == 1
         camera.close()
 
     def test_counters_begin_anew_with_every_open(self, kernel: FakeKernel, camera: V4l2Camera) -> None:

@@ -5,7 +5,8 @@ import errno
 import pytest
 
 from camrig.errors import HardwareError, LinkLost
-from camrig_drivers.v4l2.controls import Value, exposure_time_s, set_controls, variable_name
+from camrig_drivers.v4l2.controls import Value, set_controls, variable_name
+from camrig_drivers.v4l2.locks import exposure_time_s
 from camrig_drivers.v4l2.node import Node
 from tests.v4l2_control_bank import EXPOSURE
 from tests.v4l2_kernel import G_EXT_CTRLS, PATH, QUERY_EXT_CTRL, S_EXT_CTRLS, FakeKernel, Habits

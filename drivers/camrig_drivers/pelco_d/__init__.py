@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from serial.tools import list_ports
 
 from camrig.clock import RealClock
-from camrig.interfaces import Driver, Head
+from camrig.interfaces import Driver, Found, Head
 from camrig.rig import HeadSpec
 from camrig_drivers.pelco_d.bus import Bus, LineSettings
 from camrig_drivers.pelco_d.head import PelcoDHead
@@ -17,6 +18,7 @@ from camrig_drivers.pelco_d.section import PelcoDSection, check, line_of
 __all__ = ["driver"]
 
 _BY_ID = Path("/dev/serial/by-id")
+_DENIED = "it may not be opened by this user; add the user to the port's group (dialout on Debian) and log in again"
 
 
 def _make(heads: Mapping[str, tuple[HeadSpec, PelcoDSection]]) -> Mapping[str, Head]:
@@ -43,10 +45,17 @@ def _settings(sections: Sequence[PelcoDSection]) -> LineSettings:
     )
 
 
-def _discover() -> Sequence[str]:
-    """List serial ports, each by the name that survives a replug where it has one."""
+def _discover() -> Sequence[Found]:
+    """List serial ports, each by the name that survives a replug where it has one; opens none."""
     by_device = {str(link.resolve()): str(link) for link in sorted(_BY_ID.glob("*"))}
-    return [by_device.get(port.device, port.device) for port in list_ports.comports()]
+    found = []
+    for port in sorted(list_ports.comports()):
+        name = by_device.get(port.device, port.device)
+        trouble = "" if os.access(port.device, os.R_OK | os.W_OK) else _DENIED
+        facts = {"node": port.device, "serial": port.serial_number or "", "hardware": port.hwid}
+        section = {"port": name, "baud": PelcoDSection.model_fields["baud"].default, "address": 1}
+        found.append(Found(name, port.description, section, facts=facts, trouble=trouble))
+    return found
 
 
 driver: Driver[HeadSpec, Head] = Driver(section=PelcoDSection, make=_make, check=check, discover=_discover)

@@ -1,7 +1,7 @@
 """The part of Linux's V4L2 interface that camrig uses, as ``linux/videodev2.h`` lays it out.
 
-ctypes gives every structure the size it has on this machine (64 and 32 bit), and the ioctl numbers follow from the
-sizes. On 32 bit the buffer's stamp is the old pair of ``long``, which the kernel goes on to accept.
+ctypes gives every structure the size it has on this machine, and the ioctl numbers follow from the sizes. On 32 bit the
+buffer's stamp is the old pair of ``long``, which the kernel goes on to accept.
 Sections cited: Linux Media Infrastructure userspace API, part I (Video for Linux).
 """
 
@@ -27,7 +27,7 @@ BUF_FLAG_TSTAMP_SRC_MASK = 0x00070000
 BUF_FLAG_TSTAMP_SRC_EOF = 0x00000000
 BUF_FLAG_TSTAMP_SRC_SOE = 0x00010000
 
-FRMSIZE_TYPE_DISCRETE = 1
+TYPE_DISCRETE = 1
 
 CTRL_TYPE_INTEGER = 1
 CTRL_TYPE_BOOLEAN = 2
@@ -40,11 +40,6 @@ CTRL_FLAG_READ_ONLY = 0x0004
 CTRL_FLAG_INACTIVE = 0x0010
 CTRL_FLAG_WRITE_ONLY = 0x0040
 CTRL_FLAG_NEXT_CTRL = 0x80000000
-
-CID_EXPOSURE_AUTO = 0x009A0901
-CID_EXPOSURE_ABSOLUTE = 0x009A0902
-EXPOSURE_MANUAL = 1
-EXPOSURE_SHUTTER_PRIORITY = 2
 
 
 class Capability(ctypes.Structure):
@@ -83,6 +78,20 @@ class FrmSizeEnum(ctypes.Structure):
         ("pixel_format", c_uint32),
         ("type", c_uint32),
         ("size", c_uint32 * 6),
+        ("reserved", c_uint32 * 2),
+    )
+
+
+class FrmIvalEnum(ctypes.Structure):
+    """struct v4l2_frmivalenum; ``interval`` is (numerator, denominator), or the lowest, highest and step."""
+
+    _fields_ = (
+        ("index", c_uint32),
+        ("pixel_format", c_uint32),
+        ("width", c_uint32),
+        ("height", c_uint32),
+        ("type", c_uint32),
+        ("interval", c_uint32 * 6),
         ("reserved", c_uint32 * 2),
     )
 
@@ -247,8 +256,7 @@ class ExtControls(ctypes.Structure):
     )
 
 
-Argument = ctypes.Structure | c_int32
-"""What an ioctl takes and fills in."""
+Argument = ctypes.Structure | c_int32  # what an ioctl takes and fills in
 
 _WRITE, _READ = 1, 2
 _BIG_ENDIAN = 1 << 31
@@ -274,15 +282,18 @@ VIDIOC_QUERYMENU = _ioc(_READ | _WRITE, 37, QueryMenu)
 VIDIOC_G_EXT_CTRLS = _ioc(_READ | _WRITE, 71, ExtControls)
 VIDIOC_S_EXT_CTRLS = _ioc(_READ | _WRITE, 72, ExtControls)
 VIDIOC_ENUM_FRAMESIZES = _ioc(_READ | _WRITE, 74, FrmSizeEnum)
+VIDIOC_ENUM_FRAMEINTERVALS = _ioc(_READ | _WRITE, 75, FrmIvalEnum)
 VIDIOC_QUERY_EXT_CTRL = _ioc(_READ | _WRITE, 103, QueryExtCtrl)
+NAMES = {number: name for name, number in globals().items() if name.startswith("VIDIOC_")}
 
 
 def fourcc(name: str) -> int:
-    """Return the number of a four-character pixel format."""
-    return int.from_bytes(name.encode("ascii"), "little")
+    """Return the number of a pixel format's name: up to four characters, with ``-BE`` behind where big-endian."""
+    characters, dash, _ = name.partition("-BE")
+    return int.from_bytes(characters.ljust(4).encode("ascii"), "little") | (_BIG_ENDIAN if dash else 0)
 
 
 def fourcc_name(number: int) -> str:
-    """Return the four characters of a pixel format; bit 31 marks big-endian formats."""
+    """Return the name of a pixel format; bit 31 marks big-endian formats."""
     characters = (number & ~_BIG_ENDIAN).to_bytes(4, "little").decode("ascii", "replace").strip()
     return f"{characters}-BE" if number & _BIG_ENDIAN else characters

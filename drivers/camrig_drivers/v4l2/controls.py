@@ -15,7 +15,6 @@ from camrig_drivers.v4l2.node import ControlInfo, Node
 
 Value = bool | int | str
 
-_EXPOSURE_UNIT_S = 100e-6  # V4L2_CID_EXPOSURE_ABSOLUTE: "values are in 100 us units"
 _SWITCHES = (abi.CTRL_TYPE_BOOLEAN, abi.CTRL_TYPE_MENU)
 _MENUS = (abi.CTRL_TYPE_MENU, abi.CTRL_TYPE_INTEGER_MENU)
 _NUMBERS = (abi.CTRL_TYPE_INTEGER, abi.CTRL_TYPE_INTEGER64)
@@ -32,7 +31,7 @@ def find_controls(node: Node) -> dict[str, ControlInfo]:
     """List the controls that can be set by name; of two with one name, the first."""
     found: dict[str, ControlInfo] = {}
     control_id = 0
-    while (control := _control(node, control_id | abi.CTRL_FLAG_NEXT_CTRL)) is not None:
+    while (control := find_control(node, control_id | abi.CTRL_FLAG_NEXT_CTRL)) is not None:
         control_id = control.id
         if control.kind in (*_SWITCHES, *_MENUS, *_NUMBERS) and not control.flags & abi.CTRL_FLAG_DISABLED:
             found.setdefault(variable_name(control.name), control)
@@ -53,21 +52,11 @@ def set_controls(node: Node, label: str, wanted: Mapping[str, Value]) -> None:
         raise HardwareError(f"{label} has no control {', '.join(unknown)}; it has: {allowed}")
     numbers = {name: _number(node, f"{label}: control {name}", known[name], wanted[name]) for name in wanted}
     for name in sorted(wanted, key=lambda name: known[name].kind not in _SWITCHES):
-        _set(node, f"{label}: control {name}", known[name], numbers[name])
+        set_control(node, f"{label}: control {name}", known[name], numbers[name])
 
 
-def exposure_time_s(node: Node) -> float | None:
-    """Return the exposure time that the device holds; None where it chooses its own or does not tell."""
-    exposure = _control(node, abi.CID_EXPOSURE_ABSOLUTE)
-    if exposure is None:
-        return None
-    mode = _control(node, abi.CID_EXPOSURE_AUTO)
-    if mode is not None and node.value(mode) not in (abi.EXPOSURE_MANUAL, abi.EXPOSURE_SHUTTER_PRIORITY):
-        return None
-    return node.value(exposure) * _EXPOSURE_UNIT_S
-
-
-def _control(node: Node, control_id: int) -> ControlInfo | None:
+def find_control(node: Node, control_id: int) -> ControlInfo | None:
+    """Describe a control by its number; None where the device has none such, or does not tell."""
     try:
         return node.control(control_id)
     except OSError as error:
@@ -76,7 +65,8 @@ def _control(node: Node, control_id: int) -> ControlInfo | None:
         raise
 
 
-def _set(node: Node, where: str, control: ControlInfo, number: int) -> None:
+def set_control(node: Node, where: str, control: ControlInfo, number: int) -> None:
+    """Set one control and read it back; raises HardwareError where the device will not have it."""
     flags = node.control(control.id).flags  # a switch set before may have changed them
     if flags & abi.CTRL_FLAG_READ_ONLY:
         raise HardwareError(f"{where} can only be read; take it out of `controls`")
@@ -114,13 +104,18 @@ def _in_range(where: str, control: ControlInfo, value: Value) -> int:
     raise HardwareError(f"{where} is {value!r}; allowed: {low} to {high}{steps}")
 
 
-def _menu_number(node: Node, where: str, control: ControlInfo, value: Value) -> int:
-    """Find an item by its number, its name, or the first words of its name where only one item begins so."""
-    items = {
+def menu_items(node: Node, control: ControlInfo) -> dict[int, str]:
+    """Return the items of a menu by number, each in lower-case snake."""
+    return {
         index: variable_name(item)
         for index in range(control.minimum, control.maximum + 1)
         if (item := node.menu_item(control, index)) is not None
     }
+
+
+def _menu_number(node: Node, where: str, control: ControlInfo, value: Value) -> int:
+    """Find an item by its number, its name, or the first words of its name where only one item begins so."""
+    items = menu_items(node, control)
     if isinstance(value, bool):
         found = []
     elif isinstance(value, int):

@@ -15,23 +15,38 @@ import numpy.typing as npt
 
 from camrig.geometry.arrays import GreyImage
 
-PixelFormat = Literal["YUYV", "GREY", "NV12", "MJPG"]
+PixelFormat = Literal[
+    "YUYV", "GREY", "NV12", "MJPG", "YVYU", "UYVY", "VYUY", "NV21", "NV16", "NV61", "NV24", "NV42", "YU12", "YV12",
+    "422P", "Y10", "Y12", "Y16", "Y16-BE", "YUVA", "YUVX", "AYUV", "XYUV", "YUV4", "VUYA", "VUYX", "JPEG",
+]  # fmt: skip
+"""All formats that hold luma as it is; those of colour (RGB, Bayer) are for other programs."""
 
-Luma = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-"""(height, width) view of a buffer; the low byte of each element is the pixel's luma."""
+Luma = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.uint32]
+"""(height, width) view of a buffer; the low byte of each element, once shifted, is the pixel's luma."""
 
 _END_OF_JPEG = b"\xff\xd9"
-_LUMA_TYPES = {"GREY": "u1", "NV12": "u1", "YUYV": "<u2"}
-"""The first byte of each YUYV pair is luma: numpy copies low bytes four times as fast as every second byte."""
+_JPEG = ("MJPG", "JPEG")
+_FIRST_OF_PAIR, _SECOND_OF_PAIR, _OF_FOUR = "<u2", ">u2", "<u4"
+"""Luma is one byte of each element: numpy copies low bytes four times as fast as every second byte."""
+_LUMA_TYPES = {
+    **dict.fromkeys(("YUYV", "YVYU", "Y16-BE"), _FIRST_OF_PAIR),
+    **dict.fromkeys(("UYVY", "VYUY", "Y16"), _SECOND_OF_PAIR),
+    **dict.fromkeys(("Y10", "Y12"), "<u2"),
+    **dict.fromkeys(("YUVA", "YUVX", "AYUV", "XYUV", "YUV4", "VUYA", "VUYX"), _OF_FOUR),
+}
+"""All other formats begin with a plane of luma bytes."""
+_SHIFTS = {"Y10": 2, "Y12": 4, "AYUV": 8, "XYUV": 8, "YUV4": 8, "VUYA": 16, "VUYX": 16}
 
 
 @dataclass(frozen=True, slots=True)
 class LumaLayout:
     """Where the luma of an uncompressed picture lies in its buffer."""
 
-    kind: np.dtype[np.uint8] | np.dtype[np.uint16]
+    kind: np.dtype[np.uint8] | np.dtype[np.uint16] | np.dtype[np.uint32]
     size_px: tuple[int, int]
     line_bytes: int
+    shift: int = 0
+    """How many bits of an element lie below its luma."""
 
     @property
     def needed_bytes(self) -> int:
@@ -45,18 +60,20 @@ class LumaLayout:
         data = np.frombuffer(buffer, np.uint8)
         return np.ndarray(self.size_px[::-1], self.kind, data, strides=(self.line_bytes, self.kind.itemsize))
 
+    def copy(self, luma: Luma, image: GreyImage) -> None:
+        """Copy the luma of a ``view`` into a picture of its size."""
+        if self.shift:
+            np.right_shift(luma, self.shift, out=image, casting="unsafe")
+        else:
+            np.copyto(image, luma, casting="unsafe")
+
 
 def luma_layout(pixels: PixelFormat, size_px: tuple[int, int], line_bytes: int) -> LumaLayout | None:
     """Return the layout of a format whose lines are ``line_bytes`` apart, 0 for no padding; None for JPEG."""
-    if pixels == "MJPG":
+    if pixels in _JPEG:
         return None
-    kind = np.dtype(_LUMA_TYPES[pixels])
-    return LumaLayout(kind, size_px, line_bytes or size_px[0] * kind.itemsize)
-
-
-def copy_luma(luma: Luma, image: GreyImage) -> None:
-    """Copy the low bytes of a view into a picture of its size."""
-    np.copyto(image, luma, casting="unsafe")
+    kind = np.dtype(_LUMA_TYPES.get(pixels, "u1"))
+    return LumaLayout(kind, size_px, line_bytes or size_px[0] * kind.itemsize, _SHIFTS.get(pixels, 0))
 
 
 def decode_jpeg(buffer: mmap.mmap, used_bytes: int, size_px: tuple[int, int]) -> GreyImage | None:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import errno
 import mmap
-from collections.abc import Callable, Iterator
 from ctypes import c_int32, pointer
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import count
 
 from camrig_drivers.v4l2 import abi
 from camrig_drivers.v4l2.port import IoctlPort, Ready
@@ -23,6 +21,8 @@ class Identity:
     card: str
     bus_info: str
     is_camera: bool
+    serial: str = ""
+    """Of the USB device; many have none."""
 
     def __str__(self) -> str:
         return f"{self.card} at {self.bus_info}"
@@ -69,6 +69,7 @@ class Node:
     """An open device node."""
 
     def __init__(self, port: IoctlPort, path: str) -> None:
+        self.path = path
         self._port = port
         self._fd = port.open(path)
 
@@ -76,42 +77,15 @@ class Node:
         """Close the descriptor; once only."""
         self._port.close(self._fd)
 
-    # --- what it is and what it can do ------------------------------------------------------------------
+    # --- what it is ---------------------------------------------------------------------------------------
 
     def identity(self) -> Identity:
         found = abi.Capability()
-        self._ioctl(abi.VIDIOC_QUERYCAP, found)
+        self.ask(abi.VIDIOC_QUERYCAP, found)
         able = found.device_caps if found.capabilities & abi.CAP_DEVICE_CAPS else found.capabilities
         needed = abi.CAP_VIDEO_CAPTURE | abi.CAP_STREAMING
-        return Identity(_text(found.card), _text(found.bus_info), able & needed == needed)
-
-    def pixel_formats(self) -> list[str]:
-        """List the pixel formats that the device offers."""
-
-        def ask(index: int) -> str:
-            found = abi.FmtDesc(index=index, type=abi.BUF_TYPE_VIDEO_CAPTURE)
-            self._ioctl(abi.VIDIOC_ENUM_FMT, found)
-            return abi.fourcc_name(found.pixelformat)
-
-        return list(_enumerate(ask))
-
-    def picture_sizes(self, pixels: str) -> list[str]:
-        """List the picture sizes of a pixel format, as text; a device need not tell."""
-
-        def ask(index: int) -> str:
-            found = abi.FrmSizeEnum(index=index, pixel_format=abi.fourcc(pixels))
-            self._ioctl(abi.VIDIOC_ENUM_FRAMESIZES, found)
-            size = list(found.size)
-            if found.type == abi.FRMSIZE_TYPE_DISCRETE:
-                return f"{size[0]}x{size[1]}"
-            return f"{size[0]}x{size[3]} to {size[1]}x{size[4]} in steps of {size[2]}x{size[5]}"
-
-        sizes = []
-        for size in _enumerate(ask):
-            sizes.append(size)
-            if " to " in size:  # a range is the only entry, but some devices repeat it for every index
-                break
-        return sizes
+        serial = self._port.usb_serial(self.path)
+        return Identity(_text(found.card), _text(found.bus_info), able & needed == needed, serial)
 
     # --- format and rate --------------------------------------------------------------------------------
 
@@ -121,7 +95,7 @@ class Node:
         asked.fmt.pix = abi.PixFormat(
             width=size_px[0], height=size_px[1], pixelformat=abi.fourcc(pixels), field=abi.FIELD_NONE
         )
-        self._ioctl(abi.VIDIOC_S_FMT, asked)
+        self.ask(abi.VIDIOC_S_FMT, asked)
         given = asked.fmt.pix
         return PictureFormat(
             abi.fourcc_name(given.pixelformat),
@@ -134,11 +108,11 @@ class Node:
         """Ask for a frame rate, or leave it; return what the device says it will be, None where it does not."""
         parm = abi.StreamParm(type=abi.BUF_TYPE_VIDEO_CAPTURE)
         try:
-            self._ioctl(abi.VIDIOC_G_PARM, parm)
+            self.ask(abi.VIDIOC_G_PARM, parm)
             if fps is not None and parm.parm.capture.capability & abi.CAP_TIMEPERFRAME:
                 rate = Fraction(fps).limit_denominator(_MAX_RATE_DENOMINATOR)
                 parm.parm.capture.timeperframe = abi.Fraction(rate.denominator, rate.numerator)
-                self._ioctl(abi.VIDIOC_S_PARM, parm)
+                self.ask(abi.VIDIOC_S_PARM, parm)
         except OSError as error:
             if error.errno in (errno.ENOTTY, errno.EINVAL):  # the device knows no rates
                 return None
@@ -153,34 +127,34 @@ class Node:
     def request_buffers(self, number: int) -> int:
         """Ask for buffers; return how many the device made, which may be more or fewer."""
         request = abi.RequestBuffers(count=number, type=abi.BUF_TYPE_VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
-        self._ioctl(abi.VIDIOC_REQBUFS, request)
+        self.ask(abi.VIDIOC_REQBUFS, request)
         return int(request.count)
 
     def map_buffer(self, index: int) -> mmap.mmap:
         """Map one of the requested buffers; it holds a descriptor of the device until it is closed."""
         buffer = _buffer(index)
-        self._ioctl(abi.VIDIOC_QUERYBUF, buffer)
+        self.ask(abi.VIDIOC_QUERYBUF, buffer)
         return self._port.mmap(self._fd, buffer.length, buffer.m.offset)
 
     def queue(self, index: int) -> None:
         """Hand an empty buffer to the device."""
-        self._ioctl(abi.VIDIOC_QBUF, _buffer(index))
+        self.ask(abi.VIDIOC_QBUF, _buffer(index))
 
     def dequeue(self) -> Filled | None:
         """Take the oldest filled buffer; None where there is none. Never blocks."""
         buffer = _buffer(0)
         try:
-            self._ioctl(abi.VIDIOC_DQBUF, buffer)
+            self.ask(abi.VIDIOC_DQBUF, buffer)
         except BlockingIOError:
             return None
         stamp_s = buffer.timestamp.tv_sec + 1e-6 * buffer.timestamp.tv_usec
         return Filled(buffer.index, buffer.bytesused, buffer.flags, stamp_s, buffer.sequence)
 
     def stream_on(self) -> None:
-        self._ioctl(abi.VIDIOC_STREAMON, c_int32(abi.BUF_TYPE_VIDEO_CAPTURE))
+        self.ask(abi.VIDIOC_STREAMON, c_int32(abi.BUF_TYPE_VIDEO_CAPTURE))
 
     def stream_off(self) -> None:
-        self._ioctl(abi.VIDIOC_STREAMOFF, c_int32(abi.BUF_TYPE_VIDEO_CAPTURE))
+        self.ask(abi.VIDIOC_STREAMOFF, c_int32(abi.BUF_TYPE_VIDEO_CAPTURE))
 
     def poll(self, wake_fd: int, timeout_s: float) -> Ready:
         return self._port.poll(self._fd, wake_fd, timeout_s)
@@ -190,7 +164,7 @@ class Node:
     def control(self, control_id: int) -> ControlInfo:
         """Describe a control; with CTRL_FLAG_NEXT_CTRL the one after it."""
         found = abi.QueryExtCtrl(id=control_id)
-        self._ioctl(abi.VIDIOC_QUERY_EXT_CTRL, found)
+        self.ask(abi.VIDIOC_QUERY_EXT_CTRL, found)
         return ControlInfo(
             found.id, found.type, _text(found.name), found.minimum, found.maximum, found.step, found.flags
         )
@@ -199,7 +173,7 @@ class Node:
         """Name an item of a menu; None where the menu leaves that number out."""
         item = abi.QueryMenu(id=control.id, index=index)
         try:
-            self._ioctl(abi.VIDIOC_QUERYMENU, item)
+            self.ask(abi.VIDIOC_QUERYMENU, item)
         except OSError as error:
             if error.errno == errno.EINVAL:
                 return None
@@ -209,7 +183,7 @@ class Node:
     def value(self, control: ControlInfo) -> int:
         """Read a control."""
         one = abi.ExtControl(id=control.id)
-        self._ioctl(abi.VIDIOC_G_EXT_CTRLS, abi.ExtControls(count=1, controls=pointer(one)))
+        self.ask(abi.VIDIOC_G_EXT_CTRLS, abi.ExtControls(count=1, controls=pointer(one)))
         return int(one.u.value64 if control.kind == abi.CTRL_TYPE_INTEGER64 else one.u.value)
 
     def set_value(self, control: ControlInfo, value: int) -> None:
@@ -219,10 +193,15 @@ class Node:
             one.u.value64 = value
         else:
             one.u.value = value
-        self._ioctl(abi.VIDIOC_S_EXT_CTRLS, abi.ExtControls(count=1, controls=pointer(one)))
+        self.ask(abi.VIDIOC_S_EXT_CTRLS, abi.ExtControls(count=1, controls=pointer(one)))
 
-    def _ioctl(self, request: int, argument: abi.Argument) -> None:
-        self._port.ioctl(self._fd, request, argument)
+    def ask(self, request: int, argument: abi.Argument) -> None:
+        """Make an ioctl call; an error's ``filename`` is the name of the call."""
+        try:
+            self._port.ioctl(self._fd, request, argument)
+        except OSError as error:
+            error.filename = abi.NAMES[request]
+            raise
 
 
 def _buffer(index: int) -> abi.Buffer:
@@ -231,13 +210,3 @@ def _buffer(index: int) -> abi.Buffer:
 
 def _text(name: bytes) -> str:
     return name.decode("utf-8", "replace")
-
-
-def _enumerate(ask: Callable[[int], str]) -> Iterator[str]:
-    """Count up until the kernel says that there are no more, or that it does not enumerate at all."""
-    for index in count():
-        try:
-            found = ask(index)
-        except OSError:
-            return
-        yield found

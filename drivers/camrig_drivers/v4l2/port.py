@@ -1,4 +1,4 @@
-"""The seam between this driver and the kernel: five system calls."""
+"""The seam between this driver and the kernel: five system calls, and what the file system tells of devices."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 import mmap
 import os
 import select
+from contextlib import suppress
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from camrig_drivers.v4l2.abi import Argument
@@ -43,9 +45,41 @@ class IoctlPort(Protocol):
         """Close a descriptor; the device is free once its buffers are unmapped too."""
         ...
 
+    def nodes(self) -> list[str]:
+        """List the nodes of all video devices, in the order of their numbers."""
+        ...
+
+    def links(self) -> dict[str, list[str]]:
+        """Return the names that udev gave each node, by id before by path."""
+        ...
+
+    def usb_serial(self, path: str) -> str:
+        """Return the serial number of the USB device behind a node; empty where there is none."""
+        ...
+
 
 class KernelPort:
-    """The real ones."""
+    """The real ones, on the devices under ``dev`` and what ``sys`` tells of them."""
+
+    def __init__(self, dev: Path = Path("/dev"), sys: Path = Path("/sys")) -> None:
+        self._dev = dev
+        self._sys = sys
+
+    def nodes(self) -> list[str]:
+        return sorted(map(str, self._dev.glob("video[0-9]*")), key=lambda path: int(path.rpartition("video")[2]))
+
+    def links(self) -> dict[str, list[str]]:
+        found: dict[str, list[str]] = {}
+        for folder in ("by-id", "by-path"):
+            for link in sorted((self._dev / "v4l" / folder).glob("*")):
+                found.setdefault(str(link.resolve()), []).append(str(link))
+        return found
+
+    def usb_serial(self, path: str) -> str:
+        interface = self._sys / "class/video4linux" / Path(os.path.realpath(path)).name / "device"
+        with suppress(OSError):
+            return (interface.resolve().parent / "serial").read_text().strip()
+        return ""
 
     def open(self, path: str) -> int:
         return os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)

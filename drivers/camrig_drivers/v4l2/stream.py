@@ -11,8 +11,9 @@ import numpy as np
 from camrig.errors import HardwareError
 from camrig.geometry.arrays import GreyImage
 from camrig_drivers.v4l2 import abi
-from camrig_drivers.v4l2.grey import Luma, PixelFormat, copy_luma, decode_jpeg, luma_layout
+from camrig_drivers.v4l2.grey import Luma, PixelFormat, decode_jpeg, luma_layout
 from camrig_drivers.v4l2.node import Filled, Node, PictureFormat
+from camrig_drivers.v4l2.port import Ready
 
 BUFFERS = 4
 _SEQUENCES = 1 << 32
@@ -56,6 +57,10 @@ class Stream:
         except BaseException:
             self.close()
             raise
+
+    def poll(self, wake_fd: int, timeout_s: float) -> Ready:
+        """Block until there is a frame or a fault, ``wake_fd`` is readable or the time is up."""
+        return self._node.poll(wake_fd, timeout_s)
 
     def newest(self) -> Filled | None:
         """Take all filled buffers; give back all but the newest good one, or None."""
@@ -109,7 +114,7 @@ class Stream:
             return decode_jpeg(self._maps[filled.index], filled.used_bytes, self._size_px)
         if filled.used_bytes < self._layout.needed_bytes:
             return None
-        copy_luma(self._lumas[filled.index], self._image)
+        self._layout.copy(self._lumas[filled.index], self._image)
         return self._image
 
     def _count_gap(self, sequence: int) -> None:

@@ -8,22 +8,31 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from camrig.errors import HardwareError, LinkLost
+from camrig.errors import HardwareError, LinkLoss, LinkLost
 
 _NO_CAMERA = (errno.ENOTTY, errno.EISDIR)
 _DENIED = (errno.EACCES, errno.EPERM)
 _GONE = (errno.ENODEV, errno.ENXIO)
+_LOSSES = {
+    errno.ENOENT: LinkLoss.ABSENT,
+    errno.ENODEV: LinkLoss.ABSENT,
+    errno.ENXIO: LinkLoss.ABSENT,
+    errno.EACCES: LinkLoss.DENIED,
+    errno.EPERM: LinkLoss.DENIED,
+    errno.EBUSY: LinkLoss.BUSY,
+}
 _DEFAULT_GROUP = "video"
 
 
 def explain(label: str, path: str, error: OSError) -> HardwareError:
     """Return the error to raise: LinkLost, since the device may come back, unless it is no camera at all."""
     if error.errno in _NO_CAMERA:
-        return HardwareError(f"{label} is no V4L2 camera; `v4l2-ctl --list-devices` lists those plugged in")
-    return LinkLost(f"{label} {_reason(path, error)}")
+        return HardwareError(f"{label} is no V4L2 camera; `camrig devices` lists those plugged in")
+    return LinkLost(f"{label} {reason(path, error)}", _LOSSES.get(error.errno or 0, LinkLoss.FAILED))
 
 
-def _reason(path: str, error: OSError) -> str:
+def reason(path: str, error: OSError) -> str:
+    """Say what is wrong with a device, and what to do about it."""
     if error.errno == errno.ENOENT:
         return "does not exist; check the cable and the name, best one of /dev/v4l/by-id or by-path"
     if error.errno in _DENIED:
@@ -34,7 +43,8 @@ def _reason(path: str, error: OSError) -> str:
         return "was unplugged"
     if error.errno == errno.ENOSPC:
         return "finds no bandwidth left on its USB bus; use another port, format MJPG or a lower fps"
-    return f"failed with {errno.errorcode.get(error.errno or 0, 'an unknown error')} ({error.strerror})"
+    at = f" at {error.filename}" if str(error.filename).startswith("VIDIOC_") else ""
+    return f"failed with {errno.errorcode.get(error.errno or 0, 'an unknown error')} ({error.strerror}){at}"
 
 
 def _group(path: str) -> str:
