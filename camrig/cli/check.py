@@ -10,16 +10,24 @@ import typer
 from rich.table import Table
 
 from camrig.cli.console import print_json, results
+from camrig.cli.run import log_to_stderr
+from camrig.cli.try_cameras import try_cameras
 from camrig.config.rig_file import RigConfig, load_rig
 from camrig.rig import DroneMount, FixedMount, HeadMount, Mount
 
 
 def check(
     config: Annotated[Path, typer.Argument(help="The rig's YAML file.")],
+    open_cameras: Annotated[
+        bool, typer.Option("--open", help="Also open every camera, set it as the file says, and take a picture.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Validate a rig's file: all its faults at once, or the resolved rig. Opens and moves nothing."""
+    """Validate a rig's file: all its faults at once, or the resolved rig. Moves nothing, opens cameras only if told."""
     rig_config = load_rig(config)
+    if open_cameras:
+        log_to_stderr()
+        try_cameras(rig_config)
     if as_json:
         print_json(_as_json(rig_config))
         return

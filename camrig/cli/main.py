@@ -16,6 +16,9 @@ from camrig.errors import CamrigError
 _COMMANDS = (
     "run",
     "check",
+    "devices",
+    "doctor",
+    "init",
     "demo",
     "plan",
     "detect",

@@ -40,10 +40,10 @@ class FakeCamera:
         self._last_image: GreyImage | None = None
         self.faults.watch(self._wake_up)
 
-    def push(self, image: GreyImage, stamp_s: float | None = None) -> None:
-        """Let the camera capture a picture, now or at a stamp; any thread."""
+    def push(self, image: GreyImage, stamp_s: float | None = None, note: str = "") -> None:
+        """Let the camera capture a picture, now or at a stamp, with what it notes of it; any thread."""
         with self._changed:
-            self._capture(image, self._clock.now_s() if stamp_s is None else stamp_s)
+            self._capture(image, self._clock.now_s() if stamp_s is None else stamp_s, note)
         self._wake_up()
 
     def end(self) -> None:
@@ -88,13 +88,13 @@ class FakeCamera:
             self._capture(self._picture(stamp_s), stamp_s)
         return bool(self._frames) or self._woken or self._ended
 
-    def _capture(self, image: GreyImage, stamp_s: float) -> None:
+    def _capture(self, image: GreyImage, stamp_s: float, note: str = "") -> None:
         self._sequence += 1
         if self.faults.silent or self.faults.take_drop():
             return
         if self._last_image is None or not self.faults.freeze:
             self._last_image = image
-        self._frames.append(Frame(self.camera_id, self._last_image, stamp_s, self._sequence))
+        self._frames.append(Frame(self.camera_id, self._last_image, stamp_s, self._sequence, note=note))
 
     def _wake_up(self) -> None:
         with self._changed:

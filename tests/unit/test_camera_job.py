@@ -12,7 +12,7 @@ import pytest
 from camrig.clock import ManualClock
 from camrig.errors import EndOfInput, LinkLost
 from camrig.geometry.arrays import GreyImage
-from camrig.messages import Expected, TagDetection
+from camrig.messages import Expected, Level, TagDetection
 from camrig.runtime.jobs import WHOLE_EVERY_S, CameraJob
 from camrig_emulators.fakes import FakeCamera
 
@@ -115,6 +115,17 @@ def test_its_detector_outlives_a_lost_link(eye: Eye) -> None:
     eye.job.open()
     assert eye.look(1.0) == [WHOLE]
     assert len(eye.detectors) == 1
+
+
+def test_what_a_frame_notes_is_told_once_as_it_begins_and_once_as_it_ends(eye: Eye) -> None:
+    for note in ("", "light is missing", "light is missing", "", ""):
+        eye.camera.push(np.zeros(WHOLE, np.uint8), 0.0, note)
+        eye.job.turn()
+    told = [(event.level, event.about, event.text) for event in eye.job.notes.take_all()]
+    assert told == [
+        (Level.WARNING, "north", "light is missing"),
+        (Level.INFO, "north", "no longer so: light is missing"),
+    ]
 
 
 def test_the_end_of_a_recording_is_passed_on_after_its_last_frame(eye: Eye) -> None:

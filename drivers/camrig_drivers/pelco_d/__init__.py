@@ -54,8 +54,12 @@ def _discover() -> Sequence[Found]:
         trouble = "" if os.access(port.device, os.R_OK | os.W_OK) else _DENIED
         facts = {"node": port.device, "serial": port.serial_number or "", "hardware": port.hwid}
         section = {"port": name, "baud": PelcoDSection.model_fields["baud"].default, "address": 1}
-        found.append(Found(name, port.description, section, facts=facts, trouble=trouble))
+        found.append(Found(name, _title(port.description), section, facts=facts, trouble=trouble))
     return found
+
+
+def _title(description: str) -> str:
+    return "serial port" if description == "n/a" else description
 
 
 driver: Driver[HeadSpec, Head] = Driver(section=PelcoDSection, make=_make, check=check, discover=_discover)

@@ -27,7 +27,8 @@ _BRIGHT_PERCENTILE = 90.0
 """What must be neither dark nor burnt out: the white of the tags, not the mean of the room."""
 _DEAD_BAND = 0.2
 _DARK = 0.5
-_BURNT_OUT = 1.8
+_BURNT_OUT = 1.6
+_WHITE = 250.0
 _MOST_AT_ONCE = 2.0
 _GAIN_STEPS = 32
 
@@ -71,15 +72,19 @@ class Policy:
         ratio = self.brightness / max(bright, 1.0)
         if abs(ratio - 1.0) <= _DEAD_BAND:
             return setting
-        ratio = min(max(ratio, 1.0 / _MOST_AT_ONCE), _MOST_AT_ONCE)
         gain_step = max(self.gain.step, (self.gain.high - self.gain.low) // _GAIN_STEPS)
-        longer = replace(setting, exposure=self.exposure.clip(max(setting.exposure * ratio, setting.exposure + 1)))
-        if ratio > 1.0:
-            more = replace(setting, gain=self.gain.clip(setting.gain + gain_step))
-            return longer if setting.exposure < self.exposure.high else more
-        if setting.gain > self.gain.low:
+        if ratio > 1.0 and setting.exposure >= self.exposure.high:
+            return replace(setting, gain=self.gain.clip(setting.gain + gain_step))
+        if ratio < 1.0 and setting.gain > self.gain.low:
             return replace(setting, gain=self.gain.clip(setting.gain - gain_step))
-        return replace(setting, exposure=self.exposure.clip(setting.exposure * ratio))
+        return replace(setting, exposure=self._exposure_after(setting.exposure, ratio))
+
+    def _exposure_after(self, exposure: int, ratio: float) -> int:
+        """Return the value that comes nearest, or the one there is: coarse steps must not be taken to and fro."""
+        wanted = exposure * min(max(ratio, 1.0 / _MOST_AT_ONCE), _MOST_AT_ONCE)
+        below = self.exposure.clip(wanted)
+        choices = (exposure, below, self.exposure.clip(below + self.exposure.step))
+        return min(choices, key=lambda choice: abs(math.log(choice / (exposure * ratio))))
 
     def complaint(self, setting: Setting, bright: float) -> str:
         """Say what no setting can mend; empty where the light is right."""
@@ -89,7 +94,7 @@ class Policy:
                 f"longest exposure that the blur allows ({1e3 * to_seconds(setting.exposure):.1f} ms); add light, "
                 "open the iris or allow more blur"
             )
-        if setting == Setting(self.exposure.low, self.gain.low) and bright > _BURNT_OUT * self.brightness:
+        if setting == Setting(self.exposure.low, self.gain.low) and bright >= min(_WHITE, _BURNT_OUT * self.brightness):
             return "there is too much light: white burns out at the shortest exposure and lowest gain; close the iris"
         return ""
 
@@ -142,7 +147,7 @@ class Exposure:
                 f"{limit.max_blur_px:g} px at {limit.speed_deg_s:g} deg/s allows "
                 f"{1e3 * limit.longest_s(focal_px):.2f} ms; allow more blur"
             )
-        allowed = Range(control.minimum, control.maximum, max(1, control.step))
+        allowed = Range(max(1, control.minimum), control.maximum, max(1, control.step))
         return replace(allowed, high=allowed.clip(longest))
 
     def _gains(self, limit: BlurLimit) -> Range:
