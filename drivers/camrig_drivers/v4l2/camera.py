@@ -26,8 +26,8 @@ from camrig_drivers.v4l2.waker import Waker
 
 _log = logging.getLogger(__name__)
 
-START_S = 5.0
-"""What a device may take to its first picture; some take seconds to power up."""
+START_S = 4.0
+"""What a device may take to its first picture; some take seconds to power up. Less than a worker has to end."""
 _STALL_PERIODS = 10.0
 
 
