@@ -52,19 +52,17 @@ class Driver(Generic[SpecT, DeviceT]):
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A device, or the port of one, that is plugged in."""
+    """A device, or the port of one, that is plugged in, under the name that lasts longest. ``section`` is what a rig's
+    file needs, ``size_px`` what a camera's pictures then have, ``facts`` all else, as it goes into JSON; ``trouble``
+    says why it cannot be used now and, after a semicolon, what to do; empty where it can.
+    """
 
     name: str
-    """The name to use in a rig's file: the one that lasts longest."""
     title: str
     section: Mapping[str, object]
-    """What a rig's file needs of this driver's keys to use it."""
     size_px: tuple[int, int] | None = None
-    """The size of a camera's pictures with that section."""
     facts: Mapping[str, object] = field(default_factory=dict)
-    """All else there is to know, as it goes into JSON."""
     trouble: str = ""
-    """Why it cannot be used now, and what to do; empty where it can."""
 
 
 @dataclass(frozen=True, slots=True)
