@@ -74,15 +74,18 @@ def _modes(modes: object) -> Iterator[str]:
 def _controls(controls: object) -> Iterator[str]:
     """Yield a line for each control: what it may be, and what it is."""
     for name, control in cast("Mapping[str, Mapping[str, object]]", controls or {}).items():
+        value = control.get("value")
         match control:
             case {"kind": "number", "minimum": low, "maximum": high}:
                 allowed = f"{low} to {high}"
-            case {"kind": "menu", "items": items}:
-                allowed = ", ".join(cast("Mapping[str, int]", items))
+            case {"kind": "menu", "items": listed}:
+                items = cast("Mapping[str, int]", listed)
+                allowed = ", ".join(items)
+                value = next((item for item, number in items.items() if number == value), value)
             case _:
-                allowed = "true, false"
+                allowed, value = "true, false", str(value).lower()
         notes = [word for key, word in (("read_only", "read only"), ("governed", "automatic now")) if control.get(key)]
-        yield f"{name} = {control.get('value')} ({'; '.join([allowed, *notes])})"
+        yield f"{name} = {value} ({'; '.join([allowed, *notes])})"
 
 
 def _ports(ports: Sequence[Device]) -> Table:

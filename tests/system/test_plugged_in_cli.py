@@ -69,11 +69,20 @@ def test_devices_are_told_as_one_object(ask: Ask) -> None:
     assert camera["controls"]["brightness"]["maximum"] == 64
 
 
+OTHERS = ("auto_exposure = aperture_priority_mode (manual_mode, ", "focus_automatic_continuous = true (true, false)")
+
+
 @pytest.mark.usefixtures("lab")
 def test_devices_are_told_to_people(ask: Ask) -> None:
     code, out, _ = ask("devices")
     assert code == 0
-    for words in ("Test Camera at usb-1", "bus=usb-1", "YUYV: 640x480 at 30 fps", "brightness = 0 (-64 to 64)"):
+    for words in (
+        "Test Camera at usb-1",
+        "bus=usb-1",
+        "YUYV: 640x480 at 30 fps",
+        "brightness = 0 (-64 to 64)",
+        *OTHERS,
+    ):
         assert words in out
 
 

@@ -107,6 +107,13 @@ class TestIdentity:
         assert "those that are: usb-1" in str(lost(camera_on(Hub([kernel]), clock, "bus=usb-9").open))
         assert kernel.free
 
+    def test_a_camera_that_may_hide_behind_a_refusal_is_not_said_to_be_absent(
+        self, clock: ManualClock, kernel: FakeKernel
+    ) -> None:
+        error = lost(camera_on(Hub([kernel], denied={NODE}), clock, "bus=usb-1").open)
+        assert error.loss is LinkLoss.DENIED
+        assert f"{NODE} may not be opened by this user; add the user to the group" in str(error)
+
     def test_what_comes_back_with_another_format_is_waited_out(self, clock: ManualClock, kernel: FakeKernel) -> None:
         """The rig goes on without it: at the first start it would have been refused."""
         camera = camera_on(Hub([kernel]), clock)

@@ -138,7 +138,8 @@ def _described(node: Node, control: ControlInfo) -> Mapping[str, object]:
             told[word] = True
     if not control.flags & abi.CTRL_FLAG_WRITE_ONLY:
         try:
-            told["value"] = node.value(control)
+            value = node.value(control)
+            told["value"] = bool(value) if told["kind"] == "switch" else value
         except OSError:  # some devices cannot read what an automatic mode governs
             told["value"] = None
     return told

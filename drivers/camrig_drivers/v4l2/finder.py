@@ -14,6 +14,7 @@ from contextlib import suppress
 from camrig.errors import LinkLoss, LinkLost
 from camrig_drivers.v4l2.node import Identity, Node
 from camrig_drivers.v4l2.port import IoctlPort
+from camrig_drivers.v4l2.trouble import reason
 
 _log = logging.getLogger(__name__)
 
@@ -56,15 +57,22 @@ class Finder:
         )
 
     def _by_name(self, part: Callable[[Identity], str], wanted: str) -> tuple[Node, Identity]:
-        seen = []
+        seen, refused = [], None
         for path in self._port.nodes():
-            with suppress(OSError):
+            try:
                 node, identity = _identified(self._port, path)
-                if identity.is_camera and part(identity) == wanted:
-                    return node, identity
-                node.close()
-                if identity.is_camera and part(identity):
-                    seen.append(part(identity))
+            except PermissionError as error:
+                refused = f"{self._label} is not among those that may be asked: {path} {reason(path, error)}"
+                continue
+            except OSError:
+                continue
+            if identity.is_camera and part(identity) == wanted:
+                return node, identity
+            node.close()
+            if identity.is_camera and part(identity):
+                seen.append(part(identity))
+        if refused is not None:
+            raise LinkLost(refused, LinkLoss.DENIED)
         there = ", ".join(dict.fromkeys(seen)) or "none"
         raise LinkLost(f"{self._label} is not plugged in; those that are: {there}", LinkLoss.ABSENT)
 

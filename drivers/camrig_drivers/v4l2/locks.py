@@ -70,6 +70,8 @@ class Locks:
 
     def hold(self, node: Node, label: str, others: Mapping[str, Value]) -> Mapping[str, int]:
         """Set what was held before, or hold what is there now; return it. ``others`` are set by their own names."""
+        if not self._wanted:
+            return self._held
         by_id = {control.id: (name, control) for name, control in find_controls(node).items()}
         governed = [control_id for lock in self._wanted for control_id in _AUTOMATICS[lock].governed]
         for name, control in (by_id[control_id] for control_id in governed if control_id in by_id):
