@@ -132,6 +132,16 @@ class TestIdentity:
             camera_on(Hub([kernel]), clock).open()
         assert not isinstance(caught.value, LinkLost)
 
+    def test_what_is_first_plugged_in_late_and_is_wrong_does_not_end_a_rig_at_work(
+        self, clock: ManualClock, kernel: FakeKernel
+    ) -> None:
+        kernel.unplug()
+        camera = camera_on(Hub([kernel]), clock)
+        assert lost(camera.open).loss is LinkLoss.ABSENT
+        kernel.habits = Habits(formats={"YUYV": ((32, 24),)})
+        kernel.replug()
+        assert lost(camera.open).loss is LinkLoss.CHANGED
+
 
 class TestLocks:
     def test_automatic_modes_go_off_and_what_they_had_found_is_held_over_a_replug(

@@ -56,18 +56,19 @@ class V4l2Camera:
         self._exposure_s: float | None = None
         self._stall_s = section.stall_s
         self._due_s = 0.0
-        self._served = False
+        self._tried = False
         self._doubted = False
 
     def open(self) -> None:
         """Set everything and start streaming; see ``camrig.interfaces.Camera``.
 
-        HardwareError: no camera, another format or size than asked, a control unknown, out of range or refused; once
-        the camera has served it is a LinkLost, since the right one may come back. LinkLost: all that may pass. After
-        trouble it also waits for a first good picture: a device that opens and delivers nothing is not back.
+        HardwareError: no camera, another format or size than asked, a control unknown, out of range or refused; later
+        than at the first open it is a LinkLost, since a rig is at work and the right camera may come back. LinkLost:
+        all that may pass. After trouble it also waits for a good picture: what opens and delivers nothing is not back.
         """
         self.close()
         self.counters = Counters()
+        first, self._tried = not self._tried, True
         with ExitStack() as undo:
             undo.callback(self.close)
             try:
@@ -78,11 +79,11 @@ class V4l2Camera:
             except LinkLost:
                 raise
             except HardwareError as error:
-                if self._served:
-                    raise LinkLost(str(error), LinkLoss.CHANGED) from error
-                raise
+                if first:
+                    raise
+                raise LinkLost(str(error), LinkLoss.CHANGED) from error
             undo.pop_all()
-        self._served, self._doubted = True, False
+        self._doubted = False
 
     def read(self, timeout_s: float) -> Frame | None:
         """Return the newest frame; see ``camrig.interfaces.Camera``. Damaged frames are dropped and counted."""
