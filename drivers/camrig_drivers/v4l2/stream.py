@@ -15,7 +15,8 @@ from camrig_drivers.v4l2.grey import Luma, PixelFormat, decode_jpeg, luma_layout
 from camrig_drivers.v4l2.node import Filled, Node, PictureFormat
 from camrig_drivers.v4l2.port import Ready
 
-BUFFERS = 4
+BUFFERS = 6
+"""A reader may be held up for so many periods before frames are missed."""
 _SEQUENCES = 1 << 32
 
 
