@@ -26,6 +26,7 @@ from tests.v4l2_kernel import MONOTONIC, START_OF_EXPOSURE, FakeKernel, Habits
 
 SIZE_PX = (320, 240)
 FPS = 50.0
+PATIENCE_S = 20.0
 NODE, OTHER = "/dev/video0", "/dev/video1"
 
 
@@ -88,7 +89,7 @@ def daemon(rig: RigConfig) -> Iterator[Daemon]:
         daemon = Daemon(rig, settings_of(rig), extra_sinks=[Log()])
         daemon.start()
         stack.callback(daemon.stop)
-        until(lambda: link(daemon).status is LinkStatus.UP, 10.0)
+        is_up(daemon)
         yield daemon
 
 
@@ -100,24 +101,29 @@ def frames_come(daemon: Daemon) -> bool:
     return daemon.view().frames["north"] > 0
 
 
+def is_up(daemon: Daemon, camera: str = "north") -> None:
+    until(lambda: daemon.view().link(camera).status is LinkStatus.UP, PATIENCE_S)
+
+
 def lost_as(daemon: Daemon, loss: LinkLoss) -> None:
-    until(lambda: link(daemon).status is LinkStatus.LOST and link(daemon).loss is loss)
-    until(lambda: any(said.startswith("north: link lost: camera north: serial=A1") for said in log(daemon).said()))
+    until(lambda: link(daemon).status is LinkStatus.LOST and link(daemon).loss is loss, PATIENCE_S)
+    told = "north: link lost: camera north: serial=A1"
+    until(lambda: any(said.startswith(told) for said in log(daemon).said()), PATIENCE_S)
     assert "lost: north" in daemon.status_line()
     daemon.supervise(daemon.clock.now_s())  # and nothing failed: the other camera and both heads work on
-    assert daemon.view().link("south").status is LinkStatus.UP
+    is_up(daemon, "south")
 
 
 def test_a_stalled_camera_is_named_and_is_back_with_its_pictures(daemon: Daemon, shutter: Shutter) -> None:
-    until(lambda: frames_come(daemon))
+    until(lambda: frames_come(daemon), PATIENCE_S)
     shutter.open.clear()
     lost_as(daemon, LinkLoss.STALLED)
     shutter.open.set()
-    until(lambda: link(daemon).status is LinkStatus.UP)
+    is_up(daemon)
 
 
 def test_an_unplugged_camera_is_back_under_another_number_with_its_settings(daemon: Daemon, kernel: FakeKernel) -> None:
-    until(lambda: frames_come(daemon))
+    until(lambda: frames_come(daemon), PATIENCE_S)
     kernel.unplug()
     lost_as(daemon, LinkLoss.ABSENT)
     kernel.path, kernel.holder = OTHER, True
@@ -125,5 +131,5 @@ def test_an_unplugged_camera_is_back_under_another_number_with_its_settings(daem
     lost_as(daemon, LinkLoss.BUSY)
     assert kernel.controls.held("Brightness") == 0
     kernel.holder = False
-    until(lambda: link(daemon).status is LinkStatus.UP)
+    is_up(daemon)
     assert kernel.controls.held("Brightness") == 17

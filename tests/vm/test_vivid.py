@@ -16,7 +16,8 @@ from camrig_drivers.v4l2.discovery import discover
 from camrig_drivers.v4l2.grey import PixelFormat
 from camrig_drivers.v4l2.node import Node
 from camrig_drivers.v4l2.offers import pixel_formats
-from camrig_drivers.v4l2.stream import Counters
+from camrig_drivers.v4l2.stream import BUFFERS, Counters
+from tests.vm.standstill import watched
 from tests.vm.vivid import (
     COLOUR_BARS,
     END_OF_FRAME,
@@ -39,6 +40,8 @@ from tests.vm.vivid import (
     path_of,
     tell,
 )
+
+RUNS = 3
 
 pytestmark = [
     pytest.mark.vm,
@@ -98,54 +101,62 @@ def test_all_is_found_under_names_of_its_own() -> None:
 
 @pytest.mark.realtime
 def test_full_rate_goes_on_without_a_gap() -> None:
-    """An emulated computer stands still when its host is busy, and vivid with it: a gap begins the run anew, twice."""
-    runs = []
+    """A gap of a computer that stood still is its host's, not the driver's: the run begins anew."""
+    stood_still_s = []
     with opened(camera(0, (640, 480))) as made:
-        for _ in range(3):
-            runs.append(run_of(made))
-            if not runs[-1].missed:
+        for _ in range(RUNS):
+            frame_of(made)
+            with watched() as standstills:
+                run = run_of(made)
+            stood_still_s.append(standstills.longest_s)
+            if not run.missed:
                 break
-    print(f"{FULL_RATE_FPS} fps for {RUN_S:.0f} s: {'; '.join(map(str, runs))}")
-    last = runs[-1]
-    assert (last.missed, last.flagged, last.broken) == (0, 0, 0), runs
-    assert last.read + last.skipped == pytest.approx(RUN_S * FULL_RATE_FPS, abs=FULL_RATE_FPS / 2)
-    assert last.skipped <= 0.01 * last.read, runs
+            assert standstills.longest_s > 0.5 / FULL_RATE_FPS, f"missed frames while the computer was awake: {run}"
+        else:
+            pytest.skip(f"this host is too busy to judge: the emulated computer stood still for {stood_still_s} s")
+    print(f"{FULL_RATE_FPS} fps for {RUN_S:.0f} s: {run}; it stood still for {stood_still_s} s at the longest")
+    assert (run.flagged, run.broken) == (0, 0)
+    assert run.read + run.skipped == pytest.approx(RUN_S * FULL_RATE_FPS, abs=FULL_RATE_FPS / 2)
+    assert run.skipped <= 0.01 * run.read
 
 
 def run_of(made: V4l2Camera) -> Counters:
     """Read for the time of a run, or until a frame is missed; return what became of the frames of it alone."""
     before = replace(made.counters)
     until_s = time.monotonic() + RUN_S
-    stamps_s: list[float] = []
     while time.monotonic() < until_s and made.counters.missed == before.missed:
-        stamps_s.append(frame_of(made).stamp_s)
-    assert np.median(np.diff(stamps_s)) == pytest.approx(1.0 / FULL_RATE_FPS, abs=1e-3)
+        frame_of(made)
     counted = asdict(made.counters)
     return Counters(**{name: counted[name] - count for name, count in asdict(before).items()})
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("readout_s", [0.0, 0.02])
 def test_both_kinds_of_stamp_mean_the_middle_of_the_exposure(readout_s: float) -> None:
     """vivid begins frame n at the start of the stream plus n periods, and ends it nine tenths of a period later.
 
-    A stamp of its end is made before that end has come. Frames are therefore taken late: all buffers have filled, and
-    the newest of them has ended.
+    Its thread can be late and is never early: of several frames the earliest is the truth. A stamp of the end is made
+    before that end has come. Frames are therefore taken late: all buffers have filled, and the newest has ended.
     """
     period_s = 1.0 / FULL_RATE_FPS
     exposed_s = 0.9 * period_s
-    claims_s: dict[int, float] = {}
+    claims_s: dict[int, list[float]] = {START_OF_EXPOSURE: [], END_OF_FRAME: []}
     before_s = time.monotonic()
     with opened(camera(1, (320, 180), readout_s, exposure_s=exposed_s - readout_s)) as made:
         after_s = time.monotonic()
-        for source in (START_OF_EXPOSURE, END_OF_FRAME):
+        for source, claimed_s in claims_s.items():
             tell(1, STAMPS, source)
+            frame_of(made)  # it may still be of the other kind, as all that have filled by now
+            time.sleep((BUFFERS + 2) * period_s)
             frame_of(made)
-            for _ in range(2):  # the first may still hold frames of the other kind
-                time.sleep(8.0 * period_s)
+            for _ in range(30):
+                time.sleep((BUFFERS + 2) * period_s)
                 frame = frame_of(made)
-            assert frame.stamp_known, source
-            claims_s[source] = frame.stamp_s - frame.sequence * period_s - exposed_s / 2.0
-    began_s, ended_s = claims_s[START_OF_EXPOSURE], claims_s[END_OF_FRAME]
+                if frame.stamp_known:  # its end has come: the host may have kept vivid from being on time
+                    claimed_s.append(frame.stamp_s - frame.sequence * period_s - exposed_s / 2.0)
+                if len(claimed_s) == 6:
+                    break
+    began_s, ended_s = (min(claimed_s) for claimed_s in claims_s.values())
     print(f"start of the stream by stamps of start and end: {1e6 * (ended_s - began_s):.0f} us apart")
     assert before_s < began_s < after_s + period_s
     assert ended_s == pytest.approx(began_s, abs=1e-3)
