@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-TICK_S = 0.005
+TICK_S = 0.01
 
 
 class Standstills:
