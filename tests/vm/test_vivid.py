@@ -11,6 +11,7 @@ import pytest
 from pydantic import ValidationError
 
 from camrig.errors import HardwareError
+from camrig.messages import Frame
 from camrig_drivers.v4l2 import V4l2Camera
 from camrig_drivers.v4l2.discovery import discover
 from camrig_drivers.v4l2.grey import PixelFormat
@@ -40,6 +41,8 @@ from tests.vm.vivid import (
     path_of,
     tell,
 )
+
+PERIOD_S = 1.0 / FULL_RATE_FPS
 
 pytestmark = [
     pytest.mark.vm,
@@ -104,8 +107,9 @@ def test_full_rate_goes_on_without_a_gap() -> None:
     latest_s = time.monotonic() + RUN_S
     with opened(camera(0, (640, 480))) as made:
         while time.monotonic() <= latest_s:
-            frame_of(made)
             with watched() as standstills:
+                for _ in range(2 * BUFFERS):  # starting to watch has held up the reader
+                    frame_of(made)
                 run = run_of(made)
             stood_still_s.append(standstills.longest_s)
             if not run.missed:
@@ -134,28 +138,40 @@ def run_of(made: V4l2Camera) -> Counters:
 def test_both_kinds_of_stamp_mean_the_middle_of_the_exposure(readout_s: float) -> None:
     """vivid begins frame n at the start of the stream plus n periods, and ends it nine tenths of a period later.
 
-    Its thread can be late and is never early: of several frames the earliest is the truth. A stamp of the end is made
-    before that end has come. Frames are therefore taken late: all buffers have filled, and the newest has ended.
+    Its thread can be late and is never early: of many frames the earliest is the truth, and on a busy host it takes
+    more of them.
     """
-    period_s = 1.0 / FULL_RATE_FPS
-    exposed_s = 0.9 * period_s
-    claims_s: dict[int, list[float]] = {START_OF_EXPOSURE: [], END_OF_FRAME: []}
+    exposed_s = 0.9 * PERIOD_S
+    starts_s: dict[int, list[float]] = {START_OF_EXPOSURE: [], END_OF_FRAME: []}
     before_s = time.monotonic()
     with opened(camera(1, (320, 180), readout_s, exposure_s=exposed_s - readout_s)) as made:
         after_s = time.monotonic()
-        for source, claimed_s in claims_s.items():
-            tell(1, STAMPS, source)
-            frame_of(made)  # it may still be of the other kind, as all that have filled by now
-            time.sleep((BUFFERS + 2) * period_s)
-            frame_of(made)
-            for _ in range(30):
-                time.sleep((BUFFERS + 2) * period_s)
-                frame = frame_of(made)
-                if frame.stamp_known:  # its end has come: the host may have kept vivid from being on time
-                    claimed_s.append(frame.stamp_s - frame.sequence * period_s - exposed_s / 2.0)
-                if len(claimed_s) == 6:
-                    break
-    began_s, ended_s = (min(claimed_s) for claimed_s in claims_s.values())
+        for _ in range(6):
+            for source, found_s in starts_s.items():
+                tell(1, STAMPS, source)
+                found_s += [
+                    frame.stamp_s - frame.sequence * PERIOD_S - exposed_s / 2.0 for frame in ended_frames(made, 4)
+                ]
+            began_s, ended_s = (min(found_s) for found_s in starts_s.values())
+            if abs(ended_s - began_s) <= 1e-3:
+                break
     print(f"start of the stream by stamps of start and end: {1e6 * (ended_s - began_s):.0f} us apart")
-    assert before_s < began_s < after_s + period_s
+    assert before_s < began_s < after_s + PERIOD_S
     assert ended_s == pytest.approx(began_s, abs=1e-3)
+
+
+def ended_frames(made: V4l2Camera, number: int) -> list[Frame]:
+    """Take frames late: all buffers have filled, and the exposure of the newest has ended, as vivid counts it.
+
+    vivid makes the stamp of an end before that end has come; such a one is rightly marked as not known.
+    """
+    frames: list[Frame] = []
+    for take in range(10 * number):
+        time.sleep((BUFFERS + 2) * PERIOD_S)
+        frame = frame_of(made)
+        if take >= 2 and frame.stamp_known:  # the first may be of the kind that was told before
+            frames.append(frame)
+        if len(frames) == number:
+            break
+    assert len(frames) == number, "stamps of ends that have come are known"
+    return frames
