@@ -24,8 +24,8 @@ SWEEP = np.zeros(1 << 25, np.uint8)
 
 
 def paired_ratio(ours: Callable[[int], object], other: Callable[[int], object], *, swept: bool) -> float:
-    """Return the ratio of the two's fastest tenths, of the least disturbed of some rounds."""
-    return min(_round(ours, other, swept=swept) for _ in range(ROUNDS))
+    """Return the ratio of the two's fastest tenths, the median of some rounds."""
+    return statistics.median(_round(ours, other, swept=swept) for _ in range(ROUNDS))
 
 
 def _round(ours: Callable[[int], object], other: Callable[[int], object], *, swept: bool) -> float:
