@@ -144,7 +144,8 @@ def test_both_kinds_of_stamp_mean_the_middle_of_the_exposure(readout_s: float) -
     exposed_s = 0.9 * PERIOD_S
     starts_s: dict[int, list[float]] = {START_OF_EXPOSURE: [], END_OF_FRAME: []}
     before_s = time.monotonic()
-    with opened(camera(1, (320, 180), readout_s, exposure_s=exposed_s - readout_s)) as made:
+    made = camera(1, (320, 180), readout_s, exposure_s=exposed_s - readout_s)
+    with opened(made), watched() as standstills:
         after_s = time.monotonic()
         for _ in range(6):
             for source, found_s in starts_s.items():
@@ -156,6 +157,8 @@ def test_both_kinds_of_stamp_mean_the_middle_of_the_exposure(readout_s: float) -
             if abs(ended_s - began_s) <= 1e-3:
                 break
     print(f"start of the stream by stamps of start and end: {1e6 * (ended_s - began_s):.0f} us apart")
+    if abs(ended_s - began_s) > 1e-3 and standstills.longest_s > PERIOD_S / 2.0:
+        pytest.skip(f"this host is too busy to judge: the computer stood still for {standstills.longest_s} s")
     assert before_s < began_s < after_s + PERIOD_S
     assert ended_s == pytest.approx(began_s, abs=1e-3)
 
