@@ -1,6 +1,6 @@
 """An emulated camera drone on UDP with the habits of ArduCopter or PX4.
 
-Vehicle (dynamics and firmware, ``mavlink_vehicle``), protocol (``mavlink_protocol``) and port (``mavlink_udp``) are
+Vehicle (dynamics and firmware, ``mavlink_vehicle``), protocol (``mavlink_protocol``) and port (``udp_port``) are
 three things; the first two run in simulated time without a socket. It shares no code with the driver.
 """
 
@@ -15,11 +15,10 @@ from camrig.errors import InputError
 from camrig.geometry.arrays import Transform
 from camrig.interfaces import Plugin
 from camrig_emulators.faults import Faults
-from camrig_emulators.mavlink_outbox import Address
 from camrig_emulators.mavlink_protocol import MavlinkProtocol, Received
 from camrig_emulators.mavlink_settings import MavlinkDroneSettings
-from camrig_emulators.mavlink_udp import UdpPort
 from camrig_emulators.mavlink_vehicle import Vehicle
+from camrig_emulators.udp_port import Address, UdpPort
 
 __all__ = ["MavlinkDrone", "MavlinkDroneSettings", "Received", "emulator"]
 

@@ -12,9 +12,7 @@ from camrig_emulators.faults import Faults
 from camrig_emulators.mavlink_history import STEP_S
 from camrig_emulators.mavlink_messages import TELEMETRY, Message, Report
 from camrig_emulators.mavlink_vehicle import Vehicle
-
-Address = tuple[str, int]
-Datagram = tuple[Address, bytes]
+from camrig_emulators.udp_port import Address, Datagram
 
 _COMPONENT = 1
 _HEARTBEAT = 0

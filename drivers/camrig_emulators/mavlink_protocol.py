@@ -15,9 +15,10 @@ from camrig_emulators.faults import Faults
 from camrig_emulators.mavlink_cockpit import ACCEPTED, DENIED, FAILED
 from camrig_emulators.mavlink_firmware import whole
 from camrig_emulators.mavlink_messages import TELEMETRY, Message
-from camrig_emulators.mavlink_outbox import Address, Datagram, Outbox
+from camrig_emulators.mavlink_outbox import Outbox
 from camrig_emulators.mavlink_set_points import SetPoint
 from camrig_emulators.mavlink_vehicle import Vehicle
+from camrig_emulators.udp_port import Address, Datagram
 
 _COMPONENT = 1
 _KEPT_RECEIVED = 50_000

@@ -1,4 +1,4 @@
-"""The UDP port of an emulated drone: one thread between a socket and the protocol, and the faults of the link."""
+"""The UDP port of an emulated device: one thread between a socket and the protocol, and the faults of the link."""
 
 from __future__ import annotations
 
@@ -9,22 +9,40 @@ import random
 import selectors
 import socket
 import threading
+from typing import Protocol
 
 from camrig.clock import Clock
 from camrig_emulators.faults import Faults
-from camrig_emulators.mavlink_outbox import Datagram
-from camrig_emulators.mavlink_protocol import MavlinkProtocol
+
+Address = tuple[str, int]
+Datagram = tuple[Address, bytes]
 
 _DATAGRAM_BYTES = 2048
 _LONGEST_WAIT_S = 0.1
 _READ_AT_ONCE = 64  # so that a flood does not keep telemetry waiting
 
 
+class DatagramDevice(Protocol):
+    """What sits behind the port; called by the port's thread, under its lock."""
+
+    def receive(self, now_s: float, address: Address, data: bytes) -> list[Datagram]:
+        """Take one datagram; return what is said at once."""
+        ...
+
+    def poll(self, now_s: float) -> list[Datagram]:
+        """Return what is due by now."""
+        ...
+
+    def next_due_s(self, now_s: float) -> float:
+        """Return when ``poll`` should be called next; infinity for not before it is spoken to."""
+        ...
+
+
 class UdpPort:
-    """Serves one protocol on a port of 127.0.0.1 until ``close``; ``lock`` guards the protocol and its vehicle."""
+    """Serves one protocol on a port of 127.0.0.1 until ``close``; ``lock`` guards the protocol and what it moves."""
 
     def __init__(
-        self, name: str, protocol: MavlinkProtocol, lock: threading.Lock, clock: Clock, faults: Faults, seed: int
+        self, name: str, protocol: DatagramDevice, lock: threading.Lock, clock: Clock, faults: Faults, seed: int
     ) -> None:
         self._protocol = protocol
         self._lock = lock
