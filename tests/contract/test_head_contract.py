@@ -20,6 +20,7 @@ from camrig_drivers.pelco_d import driver as pelco_d_driver
 from camrig_emulators.fakes import FakeHead
 from camrig_emulators.faults import Faults
 from camrig_emulators.pelco_d_head import PelcoDHeadSettings, PelcoDLine
+from tests.visca_rigs import ViscaRawUdpRig, ViscaSerialRig, ViscaUdpRig
 
 SPEC = HeadSpec(
     id="pt1",
@@ -99,9 +100,18 @@ class PelcoDRig:
         return "" if frame[2] == 0 and frame[3] in (0x51, 0x53) else "move"
 
 
-@pytest.fixture(params=[FakeRig, PelcoDRig], ids=["fake", "pelco_d"])
+RIGS: dict[str, Callable[[], HeadRig]] = {
+    "fake": FakeRig,
+    "pelco_d": PelcoDRig,
+    "visca": lambda: ViscaSerialRig(SPEC),
+    "visca_udp": lambda: ViscaUdpRig(SPEC),
+    "visca_raw_udp": lambda: ViscaRawUdpRig(SPEC),
+}
+
+
+@pytest.fixture(params=RIGS)
 def rig(request: pytest.FixtureRequest) -> Iterator[HeadRig]:
-    rig: HeadRig = request.param()
+    rig = RIGS[request.param]()
     yield rig
     rig.take_down()
 

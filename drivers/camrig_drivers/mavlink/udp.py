@@ -60,6 +60,11 @@ class UdpSocket:
             self._close = undo.pop_all().close
         self.remote: Peer | None = None if endpoint.listens else self._socket.getpeername()
 
+    @property
+    def fd(self) -> int:
+        """The descriptor, for a guardian."""
+        return self._socket.fileno()
+
     def wait(self, timeout_s: float) -> None:
         """Return when something has arrived, ``wake`` was called, or the time is over."""
         self._selector.select(max(0.0, timeout_s))
