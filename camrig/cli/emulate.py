@@ -26,7 +26,7 @@ REFRESH_S = 0.25
 
 
 def emulate(
-    device: Annotated[str, typer.Argument(help="What to emulate: pelco-d or drone.")],
+    device: Annotated[str, typer.Argument(help="What to emulate: pelco-d, visca or drone.")],
     settings: Annotated[
         list[str] | None,
         typer.Argument(metavar="KEY=VALUE", help="What it is like; see --settings. Values as in YAML."),

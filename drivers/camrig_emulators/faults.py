@@ -3,7 +3,7 @@
 A test holds the ``Faults`` of a running emulator and sets what it wants, from any thread; the emulator looks at it
 whenever it hears or says something. Each device honours what makes sense for it:
 
-    fault            Pelco-D line, one head    drone                     rendered camera
+    fault            serial line, one head     drone                     rendered camera
     silent           no answers                no telemetry              no frames
     freeze           read-back stands still    telemetry stands still    the same picture again
     latency_s        each answer later         each message later        each frame delivered later

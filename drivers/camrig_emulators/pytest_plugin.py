@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from camrig_emulators.fakes import FakeDrone, FakeHead
     from camrig_emulators.mavlink_drone import MavlinkDrone, MavlinkDroneSettings
     from camrig_emulators.pelco_d_head import PelcoDHeadSettings, PelcoDLine
+    from camrig_emulators.visca_head import ViscaHeadSettings, ViscaLine, ViscaUdpHead
     from camrig_emulators.world import EmulatedWorld
 
 
@@ -43,6 +44,38 @@ def pelco_d_emulator() -> Iterator[Callable[..., PelcoDLine]]:
             stack.callback(line.stop)
             line.start()
             return line
+
+        yield start
+
+
+@pytest.fixture
+def visca_emulator() -> Iterator[Callable[..., ViscaLine]]:
+    """Return ``start(*heads, seed=0)``: heads (ViscaHeadSettings; none = one plain head) on one port, ``.port``."""
+    from camrig_emulators.visca_head import ViscaHeadSettings, ViscaLine
+
+    with ExitStack() as stack:
+
+        def start(*heads: ViscaHeadSettings, seed: int = 0) -> ViscaLine:
+            line = ViscaLine(heads or [ViscaHeadSettings(id="head")], seed=seed)
+            stack.callback(line.stop)
+            line.start()
+            return line
+
+        yield start
+
+
+@pytest.fixture
+def visca_udp_emulator() -> Iterator[Callable[..., ViscaUdpHead]]:
+    """Return ``start(settings=None, sony=True, seed=0)``: a head on UDP with Sony's header or without, ``.port``."""
+    from camrig_emulators.visca_head import ViscaHeadSettings, ViscaUdpHead
+
+    with ExitStack() as stack:
+
+        def start(settings: ViscaHeadSettings | None = None, *, sony: bool = True, seed: int = 0) -> ViscaUdpHead:
+            head = ViscaUdpHead(settings or ViscaHeadSettings(id="head"), sony=sony, seed=seed)
+            stack.callback(head.stop)
+            head.start()
+            return head
 
         yield start
 

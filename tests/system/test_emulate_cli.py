@@ -68,6 +68,20 @@ def test_it_prints_the_port_serves_it_and_ends_well(number: signal.Signals) -> N
         assert not os.path.lexists(port)
 
 
+def test_a_visca_head_answers_on_a_serial_line() -> None:
+    with running("visca", "address=3", "start_pan_deg=-7.5") as (_, port), serial.Serial(port, 9600, timeout=5.0) as it:
+        it.write(bytes.fromhex("83090612ff"))
+        assert it.read(11).hex() == "b0500000060400000000ff"
+
+
+@pytest.mark.parametrize("transport", ["udp", "raw-udp"])
+def test_a_visca_head_gives_a_url(camrig_emulate: Callable[..., Done], transport: str) -> None:
+    done = camrig_emulate("visca", f"transport={transport}", "--seconds", "0.2", "--json")
+    first, last = (json.loads(line) for line in done.out.splitlines())
+    assert first["port"].startswith("udpout://127.0.0.1:")
+    assert last["state"] == "head (address 1): pan +0.00 deg, tilt +0.00 deg, still"
+
+
 def test_with_json_it_answers_in_lines_and_stops_by_itself(camrig_emulate: Callable[..., Done]) -> None:
     done = camrig_emulate("pelco-d", "heads=2", "--seconds", "0.2", "--json")
     first, last = (json.loads(line) for line in done.out.splitlines())
@@ -93,7 +107,7 @@ def test_its_settings_are_listed(camrig_emulate: Callable[..., Done]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "messages"),
     [
-        (["toaster"], ["no driver 'toaster' among the installed emulators; installed: drone, pelco-d"]),
+        (["toaster"], ["no driver 'toaster' among the installed emulators; installed: drone, pelco-d, visca"]),
         (
             ["pelco-d", "address=300", "bad=1"],
             ["address: input should be less than or equal to 254; got 300", "unknown"],
@@ -102,6 +116,8 @@ def test_its_settings_are_listed(camrig_emulate: Callable[..., Done]) -> None:
         (["pelco-d", "address"], ["'address' is no setting: write KEY=VALUE"]),
         (["pelco-d", "address=["], ["'address=[': the value is no YAML"]),
         (["pelco-d", "start_pan_deg=171"], ["start_pan_deg 171 is outside pan_limits_deg -170 to 170"]),
+        (["visca", "address=5", "heads=4"], ["4 heads from address 5 upwards go beyond 7"]),
+        (["visca", "transport=udp", "heads=2"], ["transport udp carries one head"]),
         (["pelco-d", "address=250", "heads=9"], ["9 heads from address 250 upwards go beyond 254"]),
     ],
 )

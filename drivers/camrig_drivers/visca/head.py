@@ -27,7 +27,7 @@ from camrig_drivers.visca.codec import (
 )
 from camrig_drivers.visca.line import Answer, Line, Miss
 from camrig_drivers.visca.link import Link
-from camrig_drivers.visca.plausible import Doubt
+from camrig_drivers.visca.plausible import HASTE, Doubt
 from camrig_drivers.visca.section import ViscaSection
 
 _log = logging.getLogger(__name__)
@@ -45,12 +45,22 @@ _SETTLE_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class _Sent:
-    """The last target sent, under which permit, and when; by when it must have been reached."""
+    """The last target sent, under which permit, and when."""
 
     counts: tuple[int, int]
     permit: object
     stamp_s: float
-    until_s: float
+    way_s: float
+    """How long the way there takes at the head's speed, from wherever it may have been."""
+
+    @property
+    def until_s(self) -> float:
+        """When it must have been reached."""
+        return self.stamp_s + self.way_s + _SETTLE_S
+
+    def names(self, counts: tuple[int, int]) -> bool:
+        """Tell whether a reported position is the target."""
+        return all(abs(count - target) <= 1 for count, target in zip(counts, self.counts, strict=True))
 
 
 class ViscaHead:
@@ -73,6 +83,9 @@ class ViscaHead:
         self._zoomed: object | None = None
         """The permit under which the zoom was set."""
         self._misses = 0
+        self._whereabouts: list[tuple[float, float]] = []
+        """The last position that was believed, and every target since."""
+        self._tells_targets = False
 
     def open(self) -> None:
         """Open the line and ask for the position; moves nothing. A head that a lost link may have left moving is
@@ -110,7 +123,8 @@ class ViscaHead:
             self._zoomed = permit
         speeds = (section.pan_speed, section.tilt_speed)
         if self._tell(link, absolute(*counts, speeds, section.digits), permit):
-            self._sent = _Sent(counts, permit, now_s, now_s + self._longest_way_s())
+            self._sent = _Sent(counts, permit, now_s, self._way_s(pan_rad, tilt_rad))
+            self._whereabouts.append((pan_rad, tilt_rad))
 
     def read(self, timeout_s: float) -> tuple[AxisReading, ...]:
         del timeout_s  # an exchange is bounded by the line's own
@@ -200,14 +214,30 @@ class ViscaHead:
             self._missed(Miss.GARBLED)
             return None
         self._misses = 0
+        if self._sent is not None and self._is_hearsay(self._sent, counts, answer.stamp_s):
+            return None
         angles_rad = self._pan.angle_rad(counts[0]), self._tilt.angle_rad(counts[1])
         moving = self._sent is not None and answer.stamp_s < self._sent.until_s
-        return angles_rad if self._doubt.believes(*angles_rad, answer.stamp_s, moving=moving) else None
+        if not self._doubt.believes(*angles_rad, answer.stamp_s, moving=moving):
+            return None
+        self._whereabouts = [angles_rad]
+        return angles_rad
 
-    def _longest_way_s(self) -> float:
-        """Return how long the longest motion within the limits may take."""
-        spans = [high - low for low, high in (self._spec.pan_limits_rad, self._spec.tilt_limits_rad)]
-        return max(spans) / self._spec.speed_rad_s + _SETTLE_S
+    def _is_hearsay(self, sent: _Sent, counts: tuple[int, int], stamp_s: float) -> bool:
+        """Tell whether a position may be a target instead: some heads report where they are going to.
+
+        One that names its target sooner than it can be there is found out, and from then on believed only at rest.
+        """
+        too_soon = stamp_s < sent.stamp_s + sent.way_s / HASTE
+        if not self._tells_targets and too_soon and sent.names(counts):
+            self._tells_targets = True
+            _log.warning("head %s reports where it is going to, not where it is: unknown while it moves", self._spec.id)
+        return self._tells_targets and stamp_s < sent.until_s
+
+    def _way_s(self, pan_rad: float, tilt_rad: float) -> float:
+        """Return how long the way takes at the head's speed, from the farthest place where it may be now."""
+        ways_rad = [max(abs(pan_rad - pan), abs(tilt_rad - tilt)) for pan, tilt in self._whereabouts]
+        return max(ways_rad, default=0.0) / self._spec.speed_rad_s
 
     def _new_doubt(self) -> Doubt:
         digit_deg = max(self._section.axes.pan.deg_per_count, self._section.axes.tilt.deg_per_count)

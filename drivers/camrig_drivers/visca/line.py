@@ -154,7 +154,11 @@ class Line:
             for socket in sorted(self._held.pop(address, ())):
                 transport.send(message(address, cancel(socket)))
             _, heard = self._converse(transport, address, command, is_outcome)
-        return heard if isinstance(heard, Miss) else heard.reply
+            if isinstance(heard, Miss):
+                return heard
+            if isinstance(heard.reply, Refused) and heard.reply.code == Error.BUFFER_FULL:
+                self._held[address] = set(SOCKETS)  # by whom we do not know; cancelled before the next command
+            return heard.reply
 
     def stop(self, transport: Transport, address: int, body: bytes) -> None:
         """Send stop now, ahead of everything, and owe its repetition; raises LinkLost."""

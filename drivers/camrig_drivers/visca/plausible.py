@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-_HASTE = 1.5
+HASTE = 1.5
 """How much faster than it is said to be a head may move and still be believed."""
 _REST_RAD_S = math.radians(1.0)
 """A head that nobody has moved drifts no faster."""
@@ -30,6 +30,6 @@ class Doubt:
             return False
         step_rad = max(abs(pan_rad - last[0]), abs(tilt_rad - last[1]))
         in_motion = moving or self._jumped  # somebody else may be moving it
-        speed_rad_s = _HASTE * self.speed_rad_s if in_motion else _REST_RAD_S
+        speed_rad_s = HASTE * self.speed_rad_s if in_motion else _REST_RAD_S
         self._jumped = step_rad > 1.5 * self.digit_rad
         return step_rad <= speed_rad_s * max(0.0, stamp_s - last[2]) + 1.5 * self.digit_rad
