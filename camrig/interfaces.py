@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from camrig.geometry.arrays import GreyImage, Transform
 from camrig.messages import (
@@ -165,6 +165,15 @@ class Head(Actuator, Protocol):
 
     def guard(self) -> Guard:
         """Return what stops this head from outside; valid from ``open`` until the link is lost or closed."""
+        ...
+
+
+@runtime_checkable
+class CountsItsLink(Protocol):
+    """What a driver offers besides, where it counts what passes over a device's link; any thread."""
+
+    def statistics(self) -> Mapping[str, float]:
+        """Return counts since the link was opened, and times whose keys end in ``_s``."""
         ...
 
 

@@ -12,7 +12,17 @@ import numpy as np
 from camrig.geometry.lens import BrownLens
 from camrig.geometry.pan_tilt import PanTilt
 from camrig.interfaces import Published
-from camrig.messages import Event, FlightState, Level, LinkReport, LinkStatus, Target, TargetStatus
+from camrig.messages import (
+    AxisReading,
+    Event,
+    FlightState,
+    HeadAim,
+    Level,
+    LinkReport,
+    LinkStatus,
+    Target,
+    TargetStatus,
+)
 from camrig.pipeline import State, begin
 from camrig.rig import CameraSpec, DroneMount, DroneSpec, FixedMount, HeadSpec, Rig, Space
 from camrig.runtime.operator import Operator
@@ -54,7 +64,10 @@ class Desk:
     rig: Rig = field(default_factory=rig)
     state: State = field(default_factory=lambda: begin(0.0))
     targets: tuple[Target, ...] = ()
-    frames: Mapping[str, int] = field(default_factory=dict)
+    delivered: Mapping[str, int] = field(default_factory=dict)
+    enabled: frozenset[str] = frozenset({"pt1"})
+    aimed: dict[str, HeadAim] = field(default_factory=dict)
+    statistics: dict[str, dict[str, float]] = field(default_factory=dict)
     now_s: float = 0.0
     done: list[tuple[str, tuple[str, ...]]] = field(default_factory=list)
     failing: Mapping[str, str] = field(default_factory=dict)
@@ -72,8 +85,18 @@ class Desk:
         report = LinkReport(device, status, 0.0, reason)
         self.state = replace(self.state, links={**self.state.links, device: report})
 
+    def points(self, head: str, pan_rad: float, tilt_rad: float) -> None:
+        """Have a head report where it points now."""
+        histories = self.state.histories
+        for axis, angle_rad in (("pan", pan_rad), ("tilt", tilt_rad)):
+            histories = histories.with_reading(AxisReading(head, axis, angle_rad, self.now_s, 0.001, 0.0))  # type: ignore[arg-type]
+        self.state = replace(self.state, histories=histories)
+
     def view(self) -> View:
-        return View(self.rig, self.state, self.targets, dict(self.frames), frozenset({"pt1"}), self.now_s)
+        delivered, aimed = dict(self.delivered), dict(self.aimed)
+        return View(
+            self.rig, self.state, self.targets, delivered, self.enabled, self.now_s, aimed, dict(self.statistics)
+        )
 
     def hold(self) -> Mapping[str, str]:
         self.done.append(("hold", ()))
@@ -81,6 +104,10 @@ class Desk:
 
     def resume(self, heads: Collection[str]) -> None:
         self.done.append(("resume", tuple(heads)))
+
+    def aim(self, head: str, aim: HeadAim) -> None:
+        self.done.append(("aim", (head,)))
+        self.aimed[head] = aim
 
     def arm(self, drone: str) -> None:
         self.done.append(("arm", (drone,)))

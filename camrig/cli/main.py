@@ -28,6 +28,7 @@ _COMMANDS = (
     "status",
     "hold",
     "resume",
+    "aim",
     "arm",
     "land",
     "scan",

@@ -83,7 +83,7 @@ class Control:
             drone_readings=_all(job.readings.take_all() for job in devices.drones.values()),
             links=links,
             answer=self.planner.poll(),
-            enabled=frozenset(job.name for job in actuators if job.enabled),
+            enabled=frozenset(job.name for job in actuators if job.follows_plans),
             events=_all(mailbox.take_all() for mailbox in told),
         )
 

@@ -13,7 +13,7 @@ from camrig.clock import Clock, RealClock
 from camrig.config.rig_file import RigConfig
 from camrig.errors import HardwareError
 from camrig.interfaces import Sink
-from camrig.messages import LinkReport
+from camrig.messages import HeadAim, LinkReport
 from camrig.pipeline import Settings
 from camrig.runtime.build import make_detector, make_devices, make_sinks
 from camrig.runtime.control import TICK_S, Control, Devices
@@ -145,6 +145,10 @@ class Daemon:
         for name in heads:
             self.devices.heads[name].resume()
 
+    def aim(self, head: str, aim: HeadAim) -> None:
+        """Operator's order: this head goes there and no plan moves it before ``resume``; any thread."""
+        self.devices.heads[head].aim(aim)
+
     def arm(self, drone: str) -> None:
         """Operator's order: check, arm and climb to the lowest height of the box; any thread."""
         self.devices.drones[drone].arm()
@@ -164,10 +168,22 @@ class Daemon:
             rig=self.config.rig,
             state=self.control.state,
             targets=published.targets if published else (),
-            frames={name: job.frames for name, job in self.devices.cameras.items()},
+            delivered={
+                **{name: job.frames for name, job in self.devices.cameras.items()},
+                **{name: job.answers for name, job in heads.items()},
+            },
             enabled=frozenset(name for name, job in heads.items() if job.enabled),
             now_s=self.clock.now_s(),
+            aimed={name: aim for name, job in heads.items() if (aim := job.aimed) is not None},
+            statistics=self._statistics(),
         )
+
+    def _statistics(self) -> dict[str, Mapping[str, float]]:
+        """Return what was counted of every link, by device."""
+        losses = {worker.job.name: {"losses": worker.losses} for worker in self._workers}
+        devices = self.devices
+        jobs: dict[str, CameraJob | HeadJob | DroneJob] = {**devices.cameras, **devices.heads, **devices.drones}
+        return {name: {**losses.get(name, {}), **job.statistics()} for name, job in jobs.items()}
 
     @property
     def stop_requested(self) -> bool:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from camrig.clock import Clock
 from camrig.detect import detect_tags
 from camrig.errors import HardwareError, LinkLost, NotEnabledError
-from camrig.interfaces import Camera, Drone, Head, TagDetector
+from camrig.geometry.rotation import wrap_angle
+from camrig.interfaces import Camera, CountsItsLink, Drone, Head, TagDetector
 from camrig.messages import (
     AxisReading,
     DroneAim,
@@ -29,6 +31,9 @@ CAMERA_TIMEOUT_S = 0.5
 HEAD_TIMEOUT_S = 0.3
 DRONE_TIMEOUT_S = 0.02
 READINGS_KEPT = 64
+ARRIVED_RAD = math.radians(0.3)
+TELL_AGAIN_S = 2.0
+AIM_TELLS = 5
 WHOLE_EVERY_S = 0.5
 """How often the whole picture is searched even when every target is where it is expected."""
 
@@ -85,10 +90,24 @@ class CameraJob:
     def wake(self) -> None:
         self.camera.wake()
 
+    def statistics(self) -> Mapping[str, float]:
+        """Return what was counted of its link; any thread."""
+        return {"frames": self.frames, **_counted(self.camera)}
+
+
+@dataclass
+class _Order:
+    """An operator's aim: told again now and then, so many times at most, while the head is not there."""
+
+    aim: HeadAim
+    tells_left: int
+    told_s: float | None = None
+    """The stamp of the first reading after it was told last."""
+
 
 @dataclass
 class HeadJob:
-    """Polls a head's position, and sends it where the newest command says while it is enabled."""
+    """Polls a head's position, and sends it where plans, or else an operator, want it while it is enabled."""
 
     name: str
     head: Head
@@ -96,8 +115,11 @@ class HeadJob:
     auto_enable: bool
     readings: Mailbox[AxisReading] = field(default_factory=lambda: Mailbox(READINGS_KEPT))
     commands: Mailbox[HeadAim] = field(default_factory=lambda: Mailbox(1))
+    polls: int = 0
+    answers: int = 0
     _wanted: threading.Event = field(default_factory=threading.Event)
     _enabled: bool = False
+    _order: _Order | None = None
 
     def __post_init__(self) -> None:
         if self.auto_enable:
@@ -108,8 +130,20 @@ class HeadJob:
         """Whether the head may move now."""
         return self._enabled and self._wanted.is_set()
 
+    @property
+    def aimed(self) -> HeadAim | None:
+        """Where an operator has aimed it, for as long as plans are to leave it there."""
+        return order.aim if (order := self._order) is not None else None
+
+    @property
+    def follows_plans(self) -> bool:
+        """Whether plans may move the head now."""
+        return self.enabled and self._order is None
+
     def open(self) -> None:
         self.commands.clear()  # nothing commanded before a link was lost is replayed
+        if (order := self._order) is not None:
+            order.tells_left = 0
         self.head.open()
         self.guardian.hold(self.name, self.head.guard())
 
@@ -121,13 +155,38 @@ class HeadJob:
             if not self._wanted.is_set():  # stopped between the question and the answer: the stop has the last word
                 self._enabled = False
                 self.head.stop()
-        for aim in self.commands.take_all():
-            try:
-                self.head.move_to(aim.pan_rad, aim.tilt_rad)
-            except NotEnabledError:  # stopped by another thread between the queue and the wire
-                self._enabled = False  # and to be enabled anew, should it have been resumed since
-        for reading in self.head.read(HEAD_TIMEOUT_S):
+        planned, order = self.commands.take_all(), self._order
+        if order is None:
+            for aim in planned:
+                self._move_to(aim)
+        elif order.tells_left == AIM_TELLS:
+            self._tell(order)
+        readings = self.head.read(HEAD_TIMEOUT_S)
+        self.polls += 1
+        self.answers += bool(readings)
+        for reading in readings:
             self.readings.put(reading)
+        if order is not None and readings:
+            self._see_to(order, readings)
+
+    def _move_to(self, aim: HeadAim) -> None:
+        try:
+            self.head.move_to(aim.pan_rad, aim.tilt_rad)
+        except NotEnabledError:  # stopped by another thread between the queue and the wire
+            self._enabled = False  # and to be enabled anew, should it have been resumed since
+
+    def _tell(self, order: _Order) -> None:
+        order.tells_left -= 1
+        order.told_s = None
+        self._move_to(order.aim)
+
+    def _see_to(self, order: _Order, readings: tuple[AxisReading, ...]) -> None:
+        """Tell the head an operator's aim again where it has not come there in a while."""
+        stamp_s = readings[-1].stamp_s
+        if order.told_s is None:
+            order.told_s = stamp_s
+        elif order.tells_left > 0 and stamp_s >= order.told_s + TELL_AGAIN_S and not _there(order.aim, readings):
+            self._tell(order)
 
     @property
     def landing(self) -> bool:
@@ -142,16 +201,38 @@ class HeadJob:
     def wake(self) -> None:
         """Do nothing: a turn is one exchange and ends by itself."""
 
+    def statistics(self) -> Mapping[str, float]:
+        """Return what was counted of its link; any thread."""
+        return {"polls": self.polls, "answers": self.answers, **_counted(self.head)}
+
     def resume(self) -> None:
-        """Operator's or start-up's order: the head may move; any thread."""
+        """Operator's or start-up's order: the head may move, and follows plans; any thread."""
+        if self._order is not None:
+            self.commands.clear()
+            self._order = None
+        self._wanted.set()
+
+    def aim(self, aim: HeadAim) -> None:
+        """Operator's order: go there, held or not, and let no plan move it before ``resume``; any thread."""
+        self._order = _Order(aim, AIM_TELLS)
         self._wanted.set()
 
     def stop(self) -> None:
         """End motion now and stay still until ``resume``; any thread."""
         self._wanted.clear()
         self._enabled = False
+        self._order = None
         self.commands.clear()
         self.head.stop()
+
+
+def _counted(device: object) -> Mapping[str, float]:
+    return device.statistics() if isinstance(device, CountsItsLink) else {}
+
+
+def _there(aim: HeadAim, readings: tuple[AxisReading, ...]) -> bool:
+    wanted = {"pan": aim.pan_rad, "tilt": aim.tilt_rad}
+    return all(abs(wrap_angle(reading.angle_rad - wanted[reading.axis])) <= ARRIVED_RAD for reading in readings)
 
 
 @dataclass
@@ -173,6 +254,11 @@ class DroneJob:
     def enabled(self) -> bool:
         """Whether the drone was armed by an operator and neither stopped nor sent to land since."""
         return self._wanted.is_set()
+
+    @property
+    def follows_plans(self) -> bool:
+        """Whether plans may move it now."""
+        return self.enabled
 
     def open(self) -> None:
         self.commands.clear()
@@ -214,6 +300,10 @@ class DroneJob:
 
     def wake(self) -> None:
         """Do nothing: a turn is bounded by its time-out."""
+
+    def statistics(self) -> Mapping[str, float]:
+        """Return what was counted of its link; any thread."""
+        return _counted(self.drone)
 
     def arm(self) -> None:
         """Operator's order: arm and climb; any thread."""

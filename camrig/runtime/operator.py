@@ -1,12 +1,14 @@
 """The operator's commands: one handler for all of them, whichever way they come in.
 
-A request is an object ``{"command": "hold"}``; ``resume`` may name ``heads``, ``arm`` and ``land`` name a ``drone``.
+A request is an object ``{"command": "hold"}``; ``resume`` may name ``heads``, ``arm`` and ``land`` name a ``drone``,
+``aim`` a ``head`` and its ``pan_deg``, its ``tilt_deg`` or both.
 The answer is ``{"ok": true, ...}`` or ``{"ok": false, "error": <a sentence>, "exit_code": <of camrig.errors>}``.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, Protocol
@@ -14,13 +16,14 @@ from typing import Annotated, Literal, Protocol
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from camrig.errors import CamrigError, HardwareError, InputError, PartialError
-from camrig.messages import LinkStatus
+from camrig.messages import HeadAim, LinkStatus
+from camrig.runtime.operator_aim import operator_aim
 from camrig.runtime.operator_status import RecentEvents, View, status_of
 
 log = logging.getLogger(__name__)
 
 RATE_WINDOW_S = 3.0
-"""Frames per second are counted over about this long."""
+"""Frames and answers per second are counted over about this long."""
 _SAMPLE_S = 0.4
 _FAULT_CHARACTERS = 300
 
@@ -40,6 +43,10 @@ class Orders(Protocol):
         """Let these heads move."""
         ...
 
+    def aim(self, head: str, aim: HeadAim) -> None:
+        """Send a head there, held or not, and keep plans from moving it until ``resume``."""
+        ...
+
     def arm(self, drone: str) -> None:
         """Check, arm and climb to the lowest height of the box."""
         ...
@@ -57,7 +64,7 @@ Id = Annotated[str, Field(max_length=100)]
 
 
 class _Request(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class Status(_Request):
@@ -77,6 +84,15 @@ class Resume(_Request):
 
     command: Literal["resume"]
     heads: Annotated[tuple[Id, ...], Field(max_length=256)] = ()
+
+
+class Aim(_Request):
+    """Send a head somewhere; an axis that is not named stays where it is."""
+
+    command: Literal["aim"]
+    head: Id
+    pan_deg: float | None = None
+    tilt_deg: float | None = None
 
 
 class Arm(_Request):
@@ -99,7 +115,7 @@ class Scan(_Request):
     command: Literal["scan"]
 
 
-Request = Status | Hold | Resume | Arm | Land | Scan
+Request = Status | Hold | Resume | Aim | Arm | Land | Scan
 _STATUS = Status(command="status").model_dump_json()
 _REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="command")])
 
@@ -129,22 +145,24 @@ class Operator:
         return answer
 
     def watch(self) -> None:
-        """Note the cameras' frame counts, for their rates."""
+        """Note what cameras and heads have delivered, for their rates."""
         view = self.orders.view()
         if self._samples and view.now_s < self._samples[-1][0] + _SAMPLE_S:
             return
         recent = (sample for sample in self._samples if sample[0] > view.now_s - RATE_WINDOW_S)
-        self._samples = (*recent, (view.now_s, view.frames))
+        self._samples = (*recent, (view.now_s, view.delivered))
 
     def _obey(self, request: Request) -> Answer:
         match request:
             case Status():
                 view = self.orders.view()
-                return status_of(view, self._fps(view), self.events.latest)
+                return status_of(view, self._rates_hz(view), self.events.latest)
             case Hold():
                 return self._hold()
             case Resume(heads=heads):
                 return self._resume(heads)
+            case Aim():
+                return self._aim(request)
             case Arm(drone=drone):
                 self._reach_drone(drone)
                 self.orders.arm(drone)
@@ -175,18 +193,28 @@ class Operator:
         self.orders.resume(heads)
         return {"heads": list(heads), "unreached": _unreached(view, heads)}
 
+    def _aim(self, request: Aim) -> Answer:
+        view = self.orders.view()
+        name = request.head
+        _check_known(view.rig.name, "head", name, view.rig.heads)
+        for reason in _unreached(view, [name]).values():
+            raise HardwareError(f"head {name} cannot be reached: {reason}")
+        aim = operator_aim(view, name, request.pan_deg, request.tilt_deg)
+        self.orders.aim(name, aim)
+        return {"head": name, "pan_deg": math.degrees(aim.pan_rad), "tilt_deg": math.degrees(aim.tilt_rad)}
+
     def _reach_drone(self, drone: str) -> None:
         view = self.orders.view()
         _check_known(view.rig.name, "drone", drone, view.rig.drones)
         for name, reason in _unreached(view, [drone]).items():
             raise HardwareError(f"drone {name} cannot be reached: {reason}")
 
-    def _fps(self, view: View) -> dict[str, float]:
+    def _rates_hz(self, view: View) -> dict[str, float]:
         samples = self._samples
         if not samples or view.now_s <= samples[0][0]:
             return {}
-        since_s, frames = samples[0]
-        return {name: (count - frames.get(name, 0)) / (view.now_s - since_s) for name, count in view.frames.items()}
+        since_s, before = samples[0]
+        return {name: (count - before.get(name, 0)) / (view.now_s - since_s) for name, count in view.delivered.items()}
 
 
 def _parsed(request: object) -> Request:

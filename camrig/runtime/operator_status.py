@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from camrig.interfaces import Published
-from camrig.messages import Event, FlightState, LinkReport, LinkStatus, RigPlan, Target, TargetStatus
+from camrig.messages import Event, FlightState, HeadAim, LinkReport, LinkStatus, RigPlan, Target, TargetStatus
 from camrig.pipeline import State
-from camrig.pipeline.watch import rig_pose
 from camrig.rig import Rig
 
 EVENTS_KEPT = 32
@@ -19,14 +18,20 @@ EVENTS_KEPT = 32
 
 @dataclass(frozen=True)
 class View:
-    """The daemon at one instant; ``frames`` counts each camera's since the start, ``enabled`` names heads."""
+    """The daemon at one instant."""
 
     rig: Rig
     state: State
     targets: tuple[Target, ...]
-    frames: Mapping[str, int]
+    delivered: Mapping[str, int]
+    """How many frames each camera has given since the start, and how many answers each head."""
     enabled: frozenset[str]
+    """Heads that may move."""
     now_s: float
+    aimed: Mapping[str, HeadAim] = field(default_factory=dict)
+    """Where an operator has aimed heads that plans are to leave there."""
+    statistics: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """What was counted of each device's link."""
 
     def link(self, device: str) -> LinkReport:
         """Return the last report of a device's link; one that has said nothing yet is closed."""
@@ -50,25 +55,18 @@ class RecentEvents:
         """Do nothing."""
 
 
-def status_of(view: View, fps: Mapping[str, float], events: tuple[Event, ...]) -> dict[str, object]:
+def status_of(view: View, rates_hz: Mapping[str, float], events: tuple[Event, ...]) -> dict[str, object]:
     """Return the status as JSON: metres, degrees and seconds, as each key says; what is unknown is null."""
-    pose = rig_pose(view.state, view.now_s)
-    heads: dict[str, object] = {}
-    for name in view.rig.heads:
-        aim = pose.heads.get(name)
-        heads[name] = {
-            **_link(view, name),
-            "enabled": name in view.enabled,
-            "pan_deg": None if aim is None else _number(math.degrees(aim.pan_rad), 2),
-            "tilt_deg": None if aim is None else _number(math.degrees(aim.tilt_rad), 2),
-        }
     return {
         "rig": view.rig.name,
         "stamp_s": round(view.now_s, 3),
         "phase": "scanning" if view.state.mission.scanning else "tracking",
         "targets": {target.id: _target(target, view.now_s) for target in view.targets},
-        "cameras": {name: {**_link(view, name), "fps": _number(fps.get(name), 1)} for name in view.rig.cameras},
-        "heads": heads,
+        "cameras": {name: {**_link(view, name), "fps": _number(rates_hz.get(name), 1)} for name in view.rig.cameras},
+        "heads": {
+            name: {**_link(view, name), **_head(view, name), "answers_hz": _number(rates_hz.get(name), 1)}
+            for name in view.rig.heads
+        },
         "drones": {
             name: {**_link(view, name), "flight": view.state.flight.get(name, FlightState.UNKNOWN).value}
             for name in view.rig.drones
@@ -88,7 +86,38 @@ def status_of(view: View, fps: Mapping[str, float], events: tuple[Event, ...]) -
 
 def _link(view: View, device: str) -> dict[str, object]:
     report = view.link(device)
-    return {"link": report.status.value, "loss": report.loss and report.loss.value, "reason": report.reason}
+    return {
+        "link": report.status.value,
+        "loss": report.loss and report.loss.value,
+        "reason": report.reason,
+        "since_s": _number(view.now_s - report.stamp_s, 1),
+        "statistics": {key: _number(value, 4) for key, value in view.statistics.get(device, {}).items()},
+    }
+
+
+def _head(view: View, name: str) -> dict[str, object]:
+    """Tell who controls a head, where it points (one sigma per axis), where an operator wants it, and its limits."""
+    history, spec = view.state.histories.heads.get(name), view.rig.heads[name]
+    found = history.at(view.now_s) if history is not None else None
+    pan_deg, tilt_deg = (None, None) if found is None else np.degrees(found.angles_rad)
+    sigma_deg = None if found is None else np.degrees(np.sqrt(found.covariance.diagonal()))
+    wanted = view.aimed.get(name)
+    return {
+        "enabled": name in view.enabled,
+        "control": "operator" if wanted else "planner" if name in view.enabled else "held",
+        "pan_deg": _number(pan_deg, 2),
+        "tilt_deg": _number(tilt_deg, 2),
+        "sigma_deg": None if sigma_deg is None else [_number(value, 3) for value in sigma_deg],
+        "aim": None if wanted is None else _degrees(("pan_deg", "tilt_deg"), wanted.pan_rad, wanted.tilt_rad),
+        "limits": {
+            "pan_deg": [_number(math.degrees(end), 3) for end in spec.pan_limits_rad],
+            "tilt_deg": [_number(math.degrees(end), 3) for end in spec.tilt_limits_rad],
+        },
+    }
+
+
+def _degrees(keys: tuple[str, ...], *angles_rad: float) -> dict[str, float | None]:
+    return {key: _number(math.degrees(angle), 3) for key, angle in zip(keys, angles_rad, strict=True)}
 
 
 def _target(target: Target, now_s: float) -> dict[str, object]:

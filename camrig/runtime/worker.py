@@ -55,6 +55,8 @@ class Worker:
     failed: BaseException | None = None
     ended: bool = False
     """The device's input has ended for good (a recording)."""
+    losses: int = 0
+    """How often the link was lost once it had been up."""
     beat_s: float = field(init=False)
     _stopping: threading.Event = field(default_factory=threading.Event)
     _thread: threading.Thread = field(init=False)
@@ -93,19 +95,21 @@ class Worker:
             self.on_failure()
 
     def _serve(self) -> None:
-        retry_s = FIRST_RETRY_S
+        retry_s, was_up = FIRST_RETRY_S, False
         while not self._stopping.is_set():
             try:
                 self._beat()
                 self.job.open()
                 self._report(LinkStatus.UP, "")
-                retry_s = FIRST_RETRY_S
+                retry_s, was_up = FIRST_RETRY_S, True
                 while not self._stopping.is_set():
                     self._beat()
                     self.job.turn()
             except LinkLost as error:
                 self.job.close()
                 self._report(LinkStatus.LOST, str(error), error.loss)
+                self.losses += was_up
+                was_up = False
                 self._beat()
                 self._stopping.wait(retry_s)
                 retry_s = min(2.0 * retry_s, LAST_RETRY_S)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from camrig.clock import ManualClock
 from camrig.errors import HardwareError, LinkLost
 from camrig.interfaces import Guard
 from camrig.messages import HeadAim
@@ -45,7 +46,7 @@ def moves(head: FakeHead) -> list[HeadAim | None]:
     return [aim for _, aim in head.commands]
 
 
-def testnothing_moves_before_it_is_enabled(job: HeadJob, fake_head: FakeHead) -> None:
+def test_nothing_moves_before_it_is_enabled(job: HeadJob, fake_head: FakeHead) -> None:
     job.commands.put(ASIDE)
     job.turn()
     assert moves(fake_head) == []
@@ -197,7 +198,7 @@ def test_no_move_follows_a_stop_however_the_threads_meet(job: HeadJob, fake_head
         worker.join()
 
 
-def testnothing_commanded_before_a_lost_link_is_replayed(fake_head: FakeHead, guardian: GuardianLink) -> None:
+def test_nothing_commanded_before_a_lost_link_is_replayed(fake_head: FakeHead, guardian: GuardianLink) -> None:
     job = head_job(fake_head, guardian, auto=True)
     job.open()
     job.turn()
@@ -265,3 +266,71 @@ def test_a_head_is_not_served_without_its_guardian(fake_head: FakeHead, guardian
     with pytest.raises(HardwareError, match=r"guardian process is gone .*'pt1' must not be enabled"):
         job.open()
     job.close()
+
+
+class TestOperatorsAim:
+    """An operator sends a head somewhere; plans keep off it until it is resumed."""
+
+    def test_it_moves_a_head_that_nobody_resumed_and_plans_do_not_move_it(
+        self, job: HeadJob, fake_head: FakeHead
+    ) -> None:
+        job.aim(ASIDE)
+        job.turn()
+        job.commands.put(BELOW)
+        job.turn()
+        assert moves(fake_head) == [ASIDE]
+        assert (job.enabled, job.follows_plans, job.aimed) == (True, False, ASIDE)
+
+    def test_resume_gives_it_back_without_what_plans_wanted_before(self, job: HeadJob, fake_head: FakeHead) -> None:
+        job.aim(ASIDE)
+        job.turn()
+        job.commands.put(BELOW)
+        job.resume()
+        job.turn()
+        assert moves(fake_head) == [ASIDE]
+        assert (job.follows_plans, job.aimed) == (True, None)
+
+    def test_a_stop_ends_it(self, job: HeadJob, fake_head: FakeHead) -> None:
+        job.aim(ASIDE)
+        job.stop()
+        job.turn()
+        assert moves(fake_head) == [None]
+        assert (job.enabled, job.aimed) == (False, None)
+
+    def test_after_a_lost_link_it_is_not_replayed_and_plans_still_keep_off(
+        self, job: HeadJob, fake_head: FakeHead
+    ) -> None:
+        job.aim(ASIDE)
+        job.close()
+        job.open()
+        for _ in range(3):
+            job.commands.put(BELOW)
+            job.turn()
+        assert moves(fake_head) == []
+        assert (job.enabled, job.follows_plans, job.aimed) == (True, False, ASIDE)
+
+    def test_it_is_told_again_while_the_head_is_not_there_but_not_for_ever(
+        self, job: HeadJob, fake_head: FakeHead, manual_clock: ManualClock
+    ) -> None:
+        fake_head.faults.drop_next(100)
+        job.aim(ASIDE)
+        for turn in range(8):
+            job.turn()
+            manual_clock.advance(1.0)
+            if turn == 3:
+                fake_head.faults.drop_next(0)
+        assert moves(fake_head) == [ASIDE]
+        job.aim(BELOW)
+        fake_head.faults.drop_next(100)
+        for _ in range(30):
+            job.turn()
+            manual_clock.advance(1.0)
+        fake_head.faults.drop_next(0)
+        job.turn()
+        assert moves(fake_head) == [ASIDE]
+
+    def test_polls_and_answers_are_counted(self, job: HeadJob, fake_head: FakeHead) -> None:
+        job.turn()
+        fake_head.faults.silent = True
+        job.turn()
+        assert job.statistics() == {"polls": 2, "answers": 1}

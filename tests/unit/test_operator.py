@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import json
 import logging
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camrig.messages import FlightState, LinkStatus, PlanStatus, RigPlan, TargetStatus
+from camrig.messages import FlightState, HeadAim, LinkStatus, PlanStatus, RigPlan, TargetStatus
 from camrig.pipeline import begin
 from camrig.rig import Rig
 from camrig.runtime.operator_status import EVENTS_KEPT, RecentEvents
 from tests.operator_desk import Desk, refusal, rig, target
 
 ME = "uid 7 pid 8"
-COMMANDS = ("status", "hold", "resume", "arm", "land", "scan")
+COMMANDS = ("status", "hold", "resume", "aim", "arm", "land", "scan")
 
 
 def test_every_command_reaches_the_daemon() -> None:
@@ -39,7 +41,18 @@ def test_every_command_reaches_the_daemon() -> None:
         ({"command": "resume", "heads": ["pt1", "pt9"]}, "rig 'lab' has no head 'pt9'; its heads are pt1, pt2"),
         ({"command": "arm", "drone": "pt1"}, "rig 'lab' has no drone 'pt1'; its drones are d1"),
         ({"command": "land", "drone": ""}, "rig 'lab' has no drone ''; its drones are d1"),
-        ({"command": "fly"}, "'status', 'hold', 'resume', 'arm', 'land', 'scan'"),
+        ({"command": "fly"}, "'status', 'hold', 'resume', 'aim', 'arm', 'land', 'scan'"),
+        ({"command": "aim", "head": "pt9", "pan_deg": 1}, "rig 'lab' has no head 'pt9'; its heads are pt1, pt2"),
+        ({"command": "aim", "head": "pt1"}, "Give pan_deg, tilt_deg or both"),
+        (
+            {"command": "aim", "head": "pt1", "pan_deg": 200, "tilt_deg": 0},
+            "head 'pt1' is not moved: pan 200 deg is outside its limits, -171.887 to 171.887 deg",
+        ),
+        (
+            {"command": "aim", "head": "pt1", "pan_deg": 0, "tilt_deg": 0.1},
+            "tilt 0.1 deg is outside its limits, -85.9437 to 0 deg",
+        ),
+        ({"command": "aim", "head": "pt1", "pan_deg": float("nan")}, "aim.pan_deg"),
         ({"command": "arm"}, "arm.drone"),
         ({"command": "hold", "head": "pt1"}, "hold.head"),
         ({}, "command"),
@@ -158,18 +171,12 @@ def test_status_says_what_is_known_and_null_where_nothing_is() -> None:
             "age_s": 6.0,
         },
     }
-    assert status["heads"] == {
-        "pt1": {"link": "up", "loss": None, "reason": "", "enabled": True, "pan_deg": None, "tilt_deg": None},
-        "pt2": {
-            "link": "lost",
-            "loss": None,
-            "reason": "no answer",
-            "enabled": False,
-            "pan_deg": None,
-            "tilt_deg": None,
-        },
-    }
-    assert status["drones"] == {"d1": {"link": "up", "loss": None, "reason": "", "flight": "unknown"}}
+    pt1 = {"link": "up", "reason": "", "enabled": True, "control": "planner", "pan_deg": None, "tilt_deg": None}
+    pt2 = {"link": "lost", "reason": "no answer", "enabled": False, "control": "held", "pan_deg": None, "aim": None}
+    assert part(status, "heads", "pt1").items() >= pt1.items()
+    assert part(status, "heads", "pt2").items() >= pt2.items()
+    assert part(status, "heads", "pt1")["limits"] == {"pan_deg": [-171.887, 171.887], "tilt_deg": [-85.944, 0.0]}
+    assert part(status, "drones", "d1").items() >= {"link": "up", "reason": "", "flight": "unknown"}.items()
 
 
 def test_status_tells_the_plan_and_the_flight() -> None:
@@ -179,7 +186,7 @@ def test_status_tells_the_plan_and_the_flight() -> None:
     desk = Desk(state=replace(state, mission=mission, flight={"d1": FlightState.FLYING}), now_s=10.0)
     status = desk.operator().handle({"command": "status"}, ME)
     assert status["phase"] == "tracking"
-    assert status["drones"] == {"d1": {"link": "up", "loss": None, "reason": "", "flight": "flying"}}
+    assert part(status, "drones", "d1")["flight"] == "flying"
     assert status["plan"] == {
         "status": "partial",
         "uncovered": ["robot2"],
@@ -188,6 +195,62 @@ def test_status_tells_the_plan_and_the_flight() -> None:
         "solve_s": 0.05,
         "age_s": 2.0,
     }
+
+
+def test_status_tells_where_a_head_points_who_controls_it_and_how_its_link_does() -> None:
+    desk = Desk(aimed={"pt2": HeadAim(0.5, -0.5)}, enabled=frozenset({"pt1", "pt2"}), now_s=10.0)
+    desk.points("pt1", math.radians(12.0), math.radians(-30.0))
+    desk.statistics = {"pt1": {"losses": 2, "polls": 100, "answers": 99, "reply_s": math.nan}}
+    status = desk.operator().handle({"command": "status"}, ME)
+    pt1 = part(status, "heads", "pt1")
+    assert (pt1["pan_deg"], pt1["tilt_deg"], pt1["sigma_deg"]) == (12.0, -30.0, [0.057, 0.057])
+    assert pt1["statistics"] == {"losses": 2, "polls": 100, "answers": 99, "reply_s": None}
+    assert pt1["since_s"] == 10.0
+    pt2 = part(status, "heads", "pt2")
+    assert (pt2["control"], pt2["aim"]) == ("operator", {"pan_deg": 28.648, "tilt_deg": -28.648})
+
+
+class TestAim:
+    """An operator sends a head somewhere."""
+
+    def test_both_axes(self) -> None:
+        desk = Desk()
+        request = {"command": "aim", "head": "pt2", "pan_deg": 10, "tilt_deg": -20}
+        answer = desk.operator().handle(request, ME)
+        assert answer == {"ok": True, "head": "pt2", "pan_deg": pytest.approx(10.0), "tilt_deg": pytest.approx(-20.0)}
+        assert desk.aimed["pt2"] == HeadAim(math.radians(10.0), math.radians(-20.0))
+
+    def test_an_axis_that_is_not_named_stays(self) -> None:
+        desk = Desk()
+        desk.points("pt1", 0.3, -0.7)
+        answer = desk.operator().handle({"command": "aim", "head": "pt1", "pan_deg": 10}, ME)
+        assert answer["tilt_deg"] == pytest.approx(math.degrees(-0.7))
+        desk.points("pt1", 0.1, -0.6)  # on the way
+        answer = desk.operator().handle({"command": "aim", "head": "pt1", "tilt_deg": -10}, ME)
+        assert answer["pan_deg"] == pytest.approx(10.0)
+
+    def test_where_it_points_must_be_known_for_that(self) -> None:
+        desk = Desk()
+        answer = desk.operator().handle({"command": "aim", "head": "pt1", "pan_deg": 10}, ME)
+        assert (answer["exit_code"], desk.done) == (3, [])
+        assert "not known where head pt1 points now: give both" in str(answer["error"])
+
+    def test_a_head_out_of_reach_is_given_no_order_that_it_might_obey_later(self) -> None:
+        desk = Desk()
+        desk.link("pt1", LinkStatus.LOST, "no answer")
+        answer = desk.operator().handle({"command": "aim", "head": "pt1", "pan_deg": 1, "tilt_deg": -1}, ME)
+        assert answer == {"ok": False, "error": "head pt1 cannot be reached: link lost (no answer)", "exit_code": 3}
+        assert desk.done == []
+
+
+def part(answer: Mapping[str, object], *keys: str) -> dict[str, object]:
+    """Return an object within an answer."""
+    found: object = answer
+    for key in keys:
+        assert isinstance(found, dict)
+        found = found[key]
+    assert isinstance(found, dict)
+    return found
 
 
 def test_frame_rates_are_those_of_the_last_seconds() -> None:
@@ -201,7 +264,7 @@ def test_frame_rates_are_those_of_the_last_seconds() -> None:
 
     assert fps() == {"north": None, "sky": None}
     for tick in range(21):  # ten seconds: north at 8 frames a second, sky at 4 until it dies after 5 s
-        desk.now_s, desk.frames = 0.5 * tick, {"north": 4 * tick, "sky": 2 * min(tick, 10)}
+        desk.now_s, desk.delivered = 0.5 * tick, {"north": 4 * tick, "sky": 2 * min(tick, 10)}
         operator.watch()
         if tick == 10:
             assert fps() == {"north": 8.0, "sky": 4.0}
