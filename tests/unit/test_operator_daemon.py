@@ -99,3 +99,20 @@ def test_nothing_is_held_before_anything_is_built(tmp_path: Path) -> None:
     file.write_text(RIG)
     config = load_rig(file)
     assert Daemon(config, settings_of(config)).hold() == {}
+
+
+def test_an_aimed_head_goes_there_and_no_plan_moves_it_before_resume(bench: Bench) -> None:
+    aside = HeadAim(0.2, -0.3)
+    bench.daemon.aim("pt2", aside)  # held until now
+    assert bench.command_all() == {"pt1"}
+    assert [aim for _, aim in bench.fakes["pt2"].commands] == [aside]
+    assert bench.jobs["pt2"].enabled
+    bench.daemon.resume(["pt2"])
+    assert bench.command_all() == {"pt1", "pt2"}
+
+
+def test_hold_ends_an_aim(bench: Bench) -> None:
+    bench.daemon.aim("pt1", HeadAim(0.2, -0.3))
+    bench.daemon.hold()
+    assert bench.command_all() == set()
+    assert [aim for _, aim in bench.fakes["pt1"].commands] == [None]
