@@ -138,7 +138,10 @@ class Actuator(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """What the guardian process needs to stop a head when the daemon is dead: a descriptor and the bytes."""
+    """What the guardian process needs to stop a head when the daemon is dead: a descriptor and the bytes.
+
+    No bytes where nothing could stop it from outside: a head that takes positions alone, and comes to rest by itself.
+    """
 
     fd: int
     stop_bytes: bytes

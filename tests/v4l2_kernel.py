@@ -101,6 +101,7 @@ class FakeKernel:
         """Where given, waiting in vain only moves its time on."""
         self.first: bytes | None = None
         """What it exposes by itself as soon as it streams."""
+        self._streamer = -1
         self._plug_in()
 
     # --- the camera's end -------------------------------------------------------------------------------
@@ -159,6 +160,7 @@ class FakeKernel:
         data = (ctypes.c_char * ctypes.sizeof(argument)).from_buffer(argument)
         with self._lock:
             self.calls.append(request)
+            self._streamer = fd if request in (REQBUFS, STREAMON) else self._streamer
             assert fd in self._fds
             assert len(data) == request >> 16 & 0x3FFF
             if not self.plugged:
@@ -201,7 +203,8 @@ class FakeKernel:
     def close(self, fd: int) -> None:
         self._fds.remove(fd)
         os.close(fd)
-        self._stop()
+        if fd == self._streamer:  # whoever has opened it for its controls alone ends nothing
+            self._stop()
         if self.free:
             self._buffers = []
 

@@ -145,7 +145,8 @@ class HeadJob:
         if (order := self._order) is not None:
             order.tells_left = 0
         self.head.open()
-        self.guardian.hold(self.name, self.head.guard())
+        if (guard := self.head.guard()).stop_bytes:
+            self.guardian.hold(self.name, guard)
 
     def turn(self) -> None:
         if self._wanted.is_set() and not self._enabled:
