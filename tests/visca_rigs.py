@@ -23,7 +23,14 @@ class _ViscaRig:
 
     def __init__(self, spec: HeadSpec, emulator: ViscaLine | ViscaUdpHead, **section: object) -> None:
         self._emulator = emulator
-        made = driver.make({"pt1": (spec, driver.section(port=emulator.start(), axes=AXES, gap_s=0.005, **section))})
+        made = driver.make(
+            {
+                "pt1": (
+                    spec,
+                    driver.section(port=emulator.start(), axes=AXES, gap_s=0.005, reply_timeout_s=0.4, **section),
+                )
+            }
+        )
         self.head: Head = made["pt1"]
         self.faults = emulator.faults
 

@@ -13,6 +13,8 @@ from camrig.cli.console import print_json, results
 from camrig.cli.operating import Answer, RigOption, SocketOption, names, order, part, parts
 
 EVENTS_SHOWN = 5
+_CONTROLS = {"planner": "enabled", "operator": "aimed by an operator", "held": "held"}
+_UNITS_S = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"))
 _COLOURS = {"up": "green", "tracked": "green", "lost": "red", "unseen": "yellow", "closed": "yellow"}
 
 
@@ -58,13 +60,15 @@ def _targets(answer: Answer) -> Table:
 
 
 def _devices(answer: Answer) -> Table:
-    table = Table("device", "link", "state", "reason", title="Devices")
+    table = Table("device", "link", "state", "for", "lost", "answered", "reason", title="Devices")
     for kind in ("cameras", "heads", "drones"):
         devices = part(answer, kind)
         for name in devices:
             device = part(devices, name)
             state, reason = ", ".join(_state(device)), escape(str(device.get("reason")))
-            table.add_row(escape(name), _coloured(device.get("link")), state, reason)
+            lost = f"{_counted(device, 'losses'):.0f}" if _counted(device, "losses") else ""
+            counts = (_lasting(device.get("since_s")), lost, _answered(device))
+            table.add_row(escape(name), _coloured(device.get("link")), state, *counts, reason)
     return table
 
 
@@ -72,11 +76,29 @@ def _state(device: Answer) -> Iterator[str]:
     """Yield what is known of a camera, a head or a drone."""
     yield from (f"{value:.1f} fps" for value in _numbers(device, "fps"))
     if "enabled" in device:
-        yield "enabled" if device["enabled"] else "held"
+        yield _CONTROLS.get(str(device.get("control")), "held")
     yield from (f"pan {value:.1f} deg" for value in _numbers(device, "pan_deg"))
     yield from (f"tilt {value:.1f} deg" for value in _numbers(device, "tilt_deg"))
+    yield from (f"{value:.0f} Hz" for value in _numbers(device, "answers_hz"))
     if "flight" in device:
         yield str(device["flight"])
+
+
+def _answered(device: Answer) -> str:
+    """Return the share of a head's polls that brought a position, and how many there were."""
+    polls = _counted(device, "polls")
+    return f"{100.0 * _counted(device, 'answers') / polls:.1f} % of {polls:.0f}" if polls else ""
+
+
+def _counted(device: Answer, key: str) -> float:
+    return next(iter(_numbers(part(device, "statistics"), key)), 0.0)
+
+
+def _lasting(value: object) -> str:
+    """Return a time in the unit that suits it."""
+    if not isinstance(value, int | float):
+        return ""
+    return next((f"{value / size:.1f} {unit}" for size, unit in _UNITS_S if value >= size), f"{value:.0f} s")
 
 
 def _numbers(answer: Answer, key: str) -> list[float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -10,7 +9,6 @@ from dataclasses import dataclass, field
 from camrig.clock import Clock
 from camrig.detect import detect_tags
 from camrig.errors import HardwareError, LinkLost, NotEnabledError
-from camrig.geometry.rotation import wrap_angle
 from camrig.interfaces import Camera, CountsItsLink, Drone, Head, TagDetector
 from camrig.messages import (
     AxisReading,
@@ -26,14 +24,12 @@ from camrig.messages import (
 )
 from camrig.runtime.guardian_link import GuardianLink
 from camrig.runtime.mailbox import Mailbox
+from camrig.runtime.standing_aim import StandingAim
 
 CAMERA_TIMEOUT_S = 0.5
 HEAD_TIMEOUT_S = 0.3
 DRONE_TIMEOUT_S = 0.02
 READINGS_KEPT = 64
-ARRIVED_RAD = math.radians(0.3)
-TELL_AGAIN_S = 2.0
-AIM_TELLS = 5
 WHOLE_EVERY_S = 0.5
 """How often the whole picture is searched even when every target is where it is expected."""
 
@@ -96,16 +92,6 @@ class CameraJob:
 
 
 @dataclass
-class _Order:
-    """An operator's aim: told again now and then, so many times at most, while the head is not there."""
-
-    aim: HeadAim
-    tells_left: int
-    told_s: float | None = None
-    """The stamp of the first reading after it was told last."""
-
-
-@dataclass
 class HeadJob:
     """Polls a head's position, and sends it where plans, or else an operator, want it while it is enabled."""
 
@@ -119,7 +105,7 @@ class HeadJob:
     answers: int = 0
     _wanted: threading.Event = field(default_factory=threading.Event)
     _enabled: bool = False
-    _order: _Order | None = None
+    _order: StandingAim | None = None
 
     def __post_init__(self) -> None:
         if self.auto_enable:
@@ -143,7 +129,7 @@ class HeadJob:
     def open(self) -> None:
         self.commands.clear()  # nothing commanded before a link was lost is replayed
         if (order := self._order) is not None:
-            order.tells_left = 0
+            order.give_up()
         self.head.open()
         if (guard := self.head.guard()).stop_bytes:
             self.guardian.hold(self.name, guard)
@@ -160,15 +146,15 @@ class HeadJob:
         if order is None:
             for aim in planned:
                 self._move_to(aim)
-        elif order.tells_left == AIM_TELLS:
+        elif order.untold:
             self._tell(order)
         readings = self.head.read(HEAD_TIMEOUT_S)
         self.polls += 1
         self.answers += bool(readings)
         for reading in readings:
             self.readings.put(reading)
-        if order is not None and readings:
-            self._see_to(order, readings)
+        if order is not None and order.due(readings):
+            self._tell(order)
 
     def _move_to(self, aim: HeadAim) -> None:
         try:
@@ -176,18 +162,9 @@ class HeadJob:
         except NotEnabledError:  # stopped by another thread between the queue and the wire
             self._enabled = False  # and to be enabled anew, should it have been resumed since
 
-    def _tell(self, order: _Order) -> None:
-        order.tells_left -= 1
-        order.told_s = None
+    def _tell(self, order: StandingAim) -> None:
+        order.told()
         self._move_to(order.aim)
-
-    def _see_to(self, order: _Order, readings: tuple[AxisReading, ...]) -> None:
-        """Tell the head an operator's aim again where it has not come there in a while."""
-        stamp_s = readings[-1].stamp_s
-        if order.told_s is None:
-            order.told_s = stamp_s
-        elif order.tells_left > 0 and stamp_s >= order.told_s + TELL_AGAIN_S and not _there(order.aim, readings):
-            self._tell(order)
 
     @property
     def landing(self) -> bool:
@@ -215,7 +192,7 @@ class HeadJob:
 
     def aim(self, aim: HeadAim) -> None:
         """Operator's order: go there, held or not, and let no plan move it before ``resume``; any thread."""
-        self._order = _Order(aim, AIM_TELLS)
+        self._order = StandingAim(aim)
         self._wanted.set()
 
     def stop(self) -> None:
@@ -229,11 +206,6 @@ class HeadJob:
 
 def _counted(device: object) -> Mapping[str, float]:
     return device.statistics() if isinstance(device, CountsItsLink) else {}
-
-
-def _there(aim: HeadAim, readings: tuple[AxisReading, ...]) -> bool:
-    wanted = {"pan": aim.pan_rad, "tilt": aim.tilt_rad}
-    return all(abs(wrap_angle(reading.angle_rad - wanted[reading.axis])) <= ARRIVED_RAD for reading in readings)
 
 
 @dataclass

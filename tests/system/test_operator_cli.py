@@ -15,7 +15,7 @@ from camrig.cli import operating
 from camrig.cli.console import results
 from camrig.cli.main import main
 from camrig.clock import RealClock
-from camrig.messages import FlightState, LinkStatus, TargetStatus
+from camrig.messages import FlightState, HeadAim, LinkStatus, TargetStatus
 from camrig.runtime.operator_server import serving
 from camrig.runtime.operator_socket import claimed, runtime_folder
 from tests.operator_desk import Desk, refusal, target
@@ -151,9 +151,13 @@ def test_status_for_people_and_for_programs(camrig: Run, desk: Desk) -> None:
     )
     desk.link("pt2", LinkStatus.LOST, "no answer")
     desk.events.latest = (refusal(desk.now_s - 3.0),)
+    desk.statistics = {"pt1": {"losses": 2, "polls": 400, "answers": 398}}
+    desk.aimed = {"pt1": HeadAim(0.1, -0.2)}
     shown = camrig("status").out
     assert "lab: scanning, 1 of 2 targets; no plan yet" in shown
     for words in ("robot[1]", "1.000, 2.000, 0.000", "20.0, 20.0, 20.0", "unseen", "pt2 │ lost │ held", "no answer"):
+        assert words in shown
+    for words in ("pt1 │ up │ aimed by an operator", "│ 2 │ 99.5 % of 400 │"):
         assert words in shown
     assert "3.0 s ago d1: drone d1 is not armed: battery at 12 %" in shown
     found = json.loads(camrig("status", "--json").out)

@@ -192,6 +192,17 @@ class TestWire:
             bench.head.open()
         assert bench.transport.wire[-1][1] == STOP
 
+    def test_the_link_is_counted(self) -> None:
+        bench = enabled()
+        bench.head.move_to(*NEAR)
+        bench.poll(1.0)
+        bench.line.faults.silent = True
+        bench.head.read(0.3)
+        found = bench.head.statistics()
+        assert found["asked"] == found["answered"] + 1 > 10
+        assert (found["silent"], found["moves"], found["garbled"], found["disbelieved"]) == (1, 1, 0, 0)
+        assert found["reply_s"] == pytest.approx(0.016, abs=0.002)
+
     def test_an_echo_is_no_answer(self) -> None:
         bench = enabled()
         bench.line.faults.echo = True
@@ -200,7 +211,10 @@ class TestWire:
 
 def test_two_heads_share_a_port() -> None:
     line = ViscaLine([ViscaHeadSettings(id="a"), ViscaHeadSettings(id="b", address=2, start_pan_deg=30.0)])
-    sections = {name: driver.section(port=line.start(), address=k, axes=AXES) for k, name in ((1, "a"), (2, "b"))}
+    sections = {
+        name: driver.section(port=line.start(), address=k, axes=AXES, reply_timeout_s=0.5)
+        for k, name in ((1, "a"), (2, "b"))
+    }
     specs = {name: HeadSpec(name, SPEC.kinematics, SPEC.pan_limits_rad, SPEC.tilt_limits_rad, 1.0) for name in sections}
     heads = driver.make({name: (specs[name], sections[name]) for name in sections})
     try:

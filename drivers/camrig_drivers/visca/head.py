@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from camrig.clock import Clock
 from camrig.errors import InputError, LinkLost, NotEnabledError
@@ -86,6 +87,9 @@ class ViscaHead:
         self._whereabouts: list[tuple[float, float]] = []
         """The last position that was believed, and every target since."""
         self._tells_targets = False
+        self._disbelieved = 0
+        self._reply_s = math.nan
+        """How long the head takes to begin its answer, smoothed."""
 
     def open(self) -> None:
         """Open the line and ask for the position; moves nothing. A head that a lost link may have left moving is
@@ -130,10 +134,14 @@ class ViscaHead:
         del timeout_s  # an exchange is bounded by the line's own
         link = self._opened()
         answer = link.ask(INQUIRE_PAN_TILT, sum(self._sizes))
-        found = self._believed(answer) if isinstance(answer, Answer) else None
         if not isinstance(answer, Answer):
             self._missed(answer)
-        if found is None or not isinstance(answer, Answer):
+            return ()
+        took_s = 2.0 * answer.half_window_s
+        self._reply_s = took_s if math.isnan(self._reply_s) else 0.9 * self._reply_s + 0.1 * took_s
+        found = self._believed(answer)
+        if found is None:
+            self._disbelieved += 1
             return ()
         return tuple(
             AxisReading(
@@ -164,6 +172,12 @@ class ViscaHead:
             self.stop()
         self._link = None
         link.close()
+
+    def statistics(self) -> Mapping[str, float]:
+        """Return the counts of ``link.LinkStatistics`` since the link was opened; any thread."""
+        if (link := self._link) is None:
+            return {}
+        return {**asdict(link.statistics), "disbelieved": self._disbelieved, "reply_s": self._reply_s}
 
     # --- inside -----------------------------------------------------------------------------------------
 
