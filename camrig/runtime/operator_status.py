@@ -91,7 +91,10 @@ def _link(view: View, device: str) -> dict[str, object]:
         "loss": report.loss and report.loss.value,
         "reason": report.reason,
         "since_s": _number(view.now_s - report.stamp_s, 1),
-        "statistics": {key: _number(value, 4) for key, value in view.statistics.get(device, {}).items()},
+        "statistics": {
+            key: value if isinstance(value, int) else _number(value, 4)
+            for key, value in view.statistics.get(device, {}).items()
+        },
     }
 
 

@@ -90,6 +90,27 @@ def test_a_head_that_reports_its_target_is_unknown_while_it_moves(caplog: pytest
     assert len(bench.poll(6.0)) > 10
 
 
+def test_what_the_head_has_acknowledged_is_not_interrupted_by_being_said_again() -> None:
+    bench = enabled()
+    for _ in range(8):
+        bench.head.move_to(*FAR)
+        bench.poll(0.5)
+    assert orders(bench) == ["move"]
+    bench.poll(4.0)
+    bench.head.move_to(*FAR)
+    assert orders(bench) == ["move", "move"]
+
+
+def test_a_command_that_was_lost_is_said_again() -> None:
+    bench = enabled()
+    bench.line.faults.drop_next(1)
+    bench.head.move_to(*NEAR)
+    bench.poll(2.1)
+    bench.head.move_to(*NEAR)
+    bench.poll(2.0)
+    assert bench.truth_rad() == pytest.approx(NEAR, abs=COUNT_RAD)
+
+
 class TestStop:
     """It goes first, ends every motion, and is repeated until the head has said so."""
 

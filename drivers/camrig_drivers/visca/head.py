@@ -17,6 +17,8 @@ from camrig_drivers.visca.axis import AxisScale
 from camrig_drivers.visca.codec import (
     INQUIRE_PAN_TILT,
     SOCKETS,
+    Acknowledged,
+    Completed,
     Error,
     Refused,
     absolute,
@@ -37,7 +39,7 @@ _TRIES_AT_OPEN = 4
 _MISSES_TO_LOSE = 4
 """Unanswered inquiries in a row after which the head counts as gone."""
 _RESEND_S = 2.0
-"""A target is sent again after this long even if unchanged: its command may have been lost."""
+"""A target that was not acknowledged is sent again after this long even if unchanged: it may have been lost."""
 _TRIES_TO_MOVE = 4
 _BUSY_S = 0.1
 """Cameras refuse commands for up to 0.25 s after a preset or a cancel."""
@@ -53,11 +55,17 @@ class _Sent:
     stamp_s: float
     way_s: float
     """How long the way there takes at the head's speed, from wherever it may have been."""
+    acknowledged: bool
 
     @property
     def until_s(self) -> float:
         """When it must have been reached."""
         return self.stamp_s + self.way_s + _SETTLE_S
+
+    @property
+    def resend_s(self) -> float:
+        """When it makes sense to send it again; sooner it would only interrupt a head that has understood."""
+        return max(self.until_s, self.stamp_s + _RESEND_S) if self.acknowledged else self.stamp_s + _RESEND_S
 
     def names(self, counts: tuple[int, int]) -> bool:
         """Tell whether a reported position is the target."""
@@ -119,15 +127,18 @@ class ViscaHead:
         counts = self._counts(pan_rad, tilt_rad)
         now_s = self._clock.now_s()
         sent = self._sent
-        if sent and sent.permit is permit and sent.counts == counts and now_s - sent.stamp_s < _RESEND_S:
+        if sent and sent.permit is permit and sent.counts == counts and now_s < sent.resend_s:
             return
         self._unstopped = True
         section = self._section
-        if section.zoom is not None and self._zoomed is not permit and self._tell(link, zoom_to(section.zoom), permit):
-            self._zoomed = permit
+        if section.zoom is not None and self._zoomed is not permit:
+            zoomed = self._tell(link, zoom_to(section.zoom), permit)
+            self._zoomed = permit if not isinstance(zoomed, Refused) else None
         speeds = (section.pan_speed, section.tilt_speed)
-        if self._tell(link, absolute(*counts, speeds, section.digits), permit):
-            self._sent = _Sent(counts, permit, now_s, self._way_s(pan_rad, tilt_rad))
+        outcome = self._tell(link, absolute(*counts, speeds, section.digits), permit)
+        if not isinstance(outcome, Refused):
+            acknowledged = isinstance(outcome, Acknowledged)
+            self._sent = _Sent(counts, permit, now_s, self._way_s(pan_rad, tilt_rad), acknowledged)
             self._whereabouts.append((pan_rad, tilt_rad))
 
     def read(self, timeout_s: float) -> tuple[AxisReading, ...]:
@@ -206,8 +217,8 @@ class ViscaHead:
         except InputError as error:
             raise InputError(f"head {self._spec.id} is not moved: {error}") from error
 
-    def _tell(self, link: Link, command: bytes, permit: object) -> bool:
-        """Give a command; return whether the head may be thought to obey. Raises NotEnabledError once stopped."""
+    def _tell(self, link: Link, command: bytes, permit: object) -> Acknowledged | Completed | Refused | Miss:
+        """Give a command, again where the head is busy; return what came of it. Raises NotEnabledError once stopped."""
         for left in reversed(range(_TRIES_TO_MOVE)):
             outcome = link.tell(command, permit)
             if permit is not link.permit:
@@ -218,8 +229,7 @@ class ViscaHead:
             self._clock.sleep_s(_BUSY_S)
         if isinstance(outcome, Refused):
             _log.warning("head %s refuses to move: %s", self._spec.id, outcome)
-            return False
-        return True
+        return outcome
 
     def _believed(self, answer: Answer) -> tuple[float, float] | None:
         """Return both angles of an answer; None where they are nonsense, or too far from the last to be true."""
