@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -83,14 +82,18 @@ class SteppedTransport:
 class ViscaBench:
     """One driver and its emulated head."""
 
-    def __init__(self, *, seed: int = 0, spec: HeadSpec = SPEC, baud: int = 9600, **emulated: object) -> None:
+    def __init__(
+        self, *, seed: int = 0, baud: int = 9600, readback_sigma_deg: float = 0.02, **emulated: object
+    ) -> None:
         self.clock = SteppedClock()
         settings = ViscaHeadSettings.model_validate({"id": "pt1", "baud": baud, **emulated})
         self.line = ViscaLine([settings], clock=self.clock, seed=seed)
         self.transport = SteppedTransport(self.line, self.clock, baud)
-        section = ViscaSection.model_validate({"port": "/dev/none", "baud": baud, "axes": AXES})
+        section = ViscaSection.model_validate(
+            {"port": "/dev/none", "baud": baud, "axes": AXES, "readback_sigma_deg": readback_sigma_deg}
+        )
         line = Line(lambda: self.transport, self.clock, reply_timeout_s=0.2, gap_s=0.02)
-        self.head = ViscaHead(replace(spec), section, line, self.clock)
+        self.head = ViscaHead(SPEC, section, line, self.clock)
 
     def truth_rad(self, stamp_s: float | None = None) -> tuple[float, float]:
         return self.line.true_angles_rad("pt1", self.clock.now_s() if stamp_s is None else stamp_s)

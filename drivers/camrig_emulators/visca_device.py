@@ -230,8 +230,10 @@ class ViscaHead:
 
     def _begin(self, running: Running, at_s: float) -> None:
         running.started_s = at_s
-        self.pan.go_to(running.targets_deg[0], at_s)
-        self.tilt.go_to(running.targets_deg[1], at_s)
+        for axis, target_deg in zip((self.pan, self.tilt), running.targets_deg, strict=True):
+            low, high = axis.limits_deg
+            beside_deg = self._rng.uniform(-1.0, 1.0) * self.settings.rest_error_deg
+            axis.go_to(min(max(target_deg + beside_deg, low), high), at_s)
 
     def _cancel(self, socket: int, at_s: float) -> bytes:
         found = [running for running in self._running if running.socket == socket]

@@ -71,6 +71,8 @@ class ViscaHeadSettings(BaseModel):
     """What a position command does to one that is under way: take its place, wait for it, or get error 41."""
     reports: Literal["position", "target"] = "position"
     """target: while moving it reports where it is going to."""
+    rest_error_deg: NotNegative = 0.0
+    """How far beside its target a motion may end, anew each time: motors rest between counts."""
     backlash_deg: NotNegative = 0.0
     """Play between encoder and optics, in total, of each axis."""
     zero_error_deg: tuple[float, float] = (0.0, 0.0)

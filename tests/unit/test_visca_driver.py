@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from camrig.errors import LinkLost, NotEnabledError
 from camrig.rig import HeadSpec
@@ -55,6 +56,20 @@ def test_positions_are_as_good_as_they_claim(baud: int) -> None:
     assert np.mean(np.abs(errors[:, 1:3]) <= 3.0 * errors[:, 3:4]) >= 0.99
     assert len(moving) > 10 * 40  # of a head that moves at 40 deg/s it is known where it is
     assert np.degrees(np.percentile(np.abs(np.array(moving)[:, 1:3]).max(axis=1), 95)) <= 0.4
+
+
+def test_the_sigma_of_a_head_at_rest_is_neither_too_small_nor_too_large() -> None:
+    bench = ViscaBench(seed=5, rest_error_deg=0.0375, readback_sigma_deg=0.0)
+    bench.head.open()
+    bench.head.enable()
+    normalised = []
+    for aim in aims(100, seed=6):
+        bench.head.move_to(*aim)
+        bench.poll(9.0)
+        pan, tilt, sigma = bench.poll(0.1)[0][1:]
+        normalised.append((pan**2 + tilt**2) / sigma**2)
+    low, high = stats.chi2.interval(0.95, 2 * len(normalised))
+    assert low <= sum(normalised) <= high
 
 
 @pytest.mark.parametrize(
