@@ -23,7 +23,7 @@ def install(folder: Path, monkeypatch: pytest.MonkeyPatch, entry_points: str) ->
 
 
 def test_the_installed_names_are_sorted() -> None:
-    assert plugins.names("heads") == ("fake", "pelco_d")
+    assert plugins.names("heads") == ("fake", "pelco_d", "uvc", "visca")
     assert set(plugins.names("cameras")) >= {"fake", "images", "rendered", "v4l2"}
     assert "jsonl" in plugins.names("sinks")
 
@@ -36,7 +36,9 @@ def test_each_group_gives_its_kind() -> None:
 
 
 def test_an_unknown_name_lists_the_installed_ones() -> None:
-    with pytest.raises(InputError, match="no driver 'pelco' among the installed heads; installed: fake, pelco_d"):
+    with pytest.raises(
+        InputError, match="no driver 'pelco' among the installed heads; installed: fake, pelco_d, uvc, visca"
+    ):
         plugins.load_driver("heads", "pelco")
     with pytest.raises(InputError, match="no driver 'mqtt' among the installed sinks; installed: jsonl"):
         plugins.load_plugin("sinks", "mqtt")
@@ -48,9 +50,9 @@ def test_a_driver_of_another_package_is_found(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "lab_drivers.py").write_text(
         "from camrig.interfaces import Driver\ndriver = Driver(section=object, make=dict)\n"
     )
-    install(tmp_path, monkeypatch, "[camrig.heads]\nvisca = lab_drivers:driver\n")
-    assert plugins.names("heads") == ("fake", "pelco_d", "visca")
-    assert plugins.load_driver("heads", "visca").section is object
+    install(tmp_path, monkeypatch, "[camrig.heads]\nonvif = lab_drivers:driver\n")
+    assert plugins.names("heads") == ("fake", "onvif", "pelco_d", "uvc", "visca")
+    assert plugins.load_driver("heads", "onvif").section is object
 
 
 @pytest.mark.parametrize(
