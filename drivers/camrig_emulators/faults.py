@@ -11,6 +11,13 @@ whenever it hears or says something. Each device honours what makes sense for it
     garble           bytes, both directions    bytes, both directions    -
     truncate_reply   answers                   -                         -
     echo             line only                 -                         -
+    echo_bytes       first bytes echoed only   -                         -
+    echo_delay_s     echo later                -                         -
+    stuck            line takes no bytes       -                         -
+    swapped          A and B: all is noise     -                         -
+    splits           a byte at a time          -                         -
+    lose, insert     bytes, both directions    -                         -
+    bursts           of FF before answers      -                         -
     unplug, replug   line only                 socket                    device
 
 The fakes in memory raise LinkLost while unplugged and honour ``silent``, ``freeze`` and ``drop_next``. A fault never
@@ -31,10 +38,16 @@ class Faults:
         self.silent = False
         self.freeze = False
         self.echo = False
+        self.stuck = False
+        self.swapped = False
+        self.splits = False
         self.latency_s = 0.0
+        self.echo_bytes: int | None = None
+        self.echo_delay_s = 0.0
         self._lock = threading.Lock()
         self._drops = 0
         self._garble_probability = 0.0
+        self._lose_probability = self._insert_probability = self._burst_probability = 0.0
         self._cut = (0, 0)
         self._plugged = True
         self._watchers: list[Callable[[], None]] = []
@@ -59,9 +72,19 @@ class Faults:
 
     def garble(self, probability: float) -> None:
         """Flip one bit in each byte on the wire with this probability, 0 to 1."""
-        if not 0.0 <= probability <= 1.0:
-            raise ValueError(f"a probability is 0 to 1, not {probability}")
-        self._garble_probability = probability
+        self._garble_probability = _probability(probability)
+
+    def lose(self, probability: float) -> None:
+        """Drop each byte on the wire with this probability, 0 to 1."""
+        self._lose_probability = _probability(probability)
+
+    def insert(self, probability: float) -> None:
+        """Put a random byte before each byte on the wire with this probability, 0 to 1."""
+        self._insert_probability = _probability(probability)
+
+    def bursts(self, probability: float) -> None:
+        """Put 1 to 9 bytes of FF before an answer with this probability, 0 to 1: a line that floats."""
+        self._burst_probability = _probability(probability)
 
     def truncate_reply(self, last: int, first: int = 0) -> None:
         """Lose the ``last`` bytes of every answer, and its ``first`` ones as a slow line turn-around does; 0 = none."""
@@ -69,10 +92,12 @@ class Faults:
 
     def clear(self) -> None:
         """End every fault."""
-        self.silent = self.freeze = self.echo = False
-        self.latency_s = 0.0
+        self.silent = self.freeze = self.echo = self.stuck = self.swapped = self.splits = False
+        self.latency_s = self.echo_delay_s = 0.0
+        self.echo_bytes = None
         self.drop_next(0)
-        self.garble(0.0)
+        for spoil in (self.garble, self.lose, self.insert, self.bursts):
+            spoil(0.0)
         self.truncate_reply(0)
         self.replug()
 
@@ -92,11 +117,21 @@ class Faults:
 
     def spoil(self, data: bytes, rng: random.Random) -> bytes:
         """Return the bytes as they arrive over a garbled wire."""
-        if self._garble_probability == 0.0:
+        if self.swapped:
+            return rng.randbytes(len(data))
+        if not (self._garble_probability or self._lose_probability or self._insert_probability):
             return data
-        return bytes(
-            byte ^ (1 << rng.randrange(8)) if rng.random() < self._garble_probability else byte for byte in data
-        )
+        spoilt = bytearray()
+        for byte in data:
+            if rng.random() < self._insert_probability:
+                spoilt.append(rng.randrange(256))
+            if rng.random() >= self._lose_probability:
+                spoilt.append(byte ^ (1 << rng.randrange(8)) if rng.random() < self._garble_probability else byte)
+        return bytes(spoilt)
+
+    def noise_before(self, rng: random.Random) -> bytes:
+        """Return the bytes that a floating line puts before an answer."""
+        return b"\xff" * rng.randint(1, 9) if rng.random() < self._burst_probability else b""
 
     def cut(self, reply: bytes) -> tuple[int, bytes]:
         """Return how many bytes an answer loses at its start, and what is left of it."""
@@ -107,3 +142,9 @@ class Faults:
         self._plugged = plugged
         for changed in self._watchers:
             changed()
+
+
+def _probability(probability: float) -> float:
+    if not 0.0 <= probability <= 1.0:
+        raise ValueError(f"a probability is 0 to 1, not {probability}")
+    return probability

@@ -11,9 +11,9 @@ from camrig_emulators.pelco_d_head import PelcoDHeadSettings, PelcoDLine
 class Bench:
     """A line on a clock of its own. Nothing passes but by ``wait``, ``run`` and ``ask``."""
 
-    def __init__(self, *heads: PelcoDHeadSettings, seed: int = 0) -> None:
+    def __init__(self, *heads: PelcoDHeadSettings, seed: int = 0, script: str = "") -> None:
         self.clock = ManualClock()
-        self.line = PelcoDLine(heads, clock=self.clock, seed=seed)
+        self.line = PelcoDLine(heads, clock=self.clock, seed=seed, script=script)
 
     @property
     def now_s(self) -> float:

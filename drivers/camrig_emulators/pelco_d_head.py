@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 
 from camrig.clock import Clock, RealClock
 from camrig.interfaces import Plugin
+from camrig_emulators.fault_script import FaultScript
 from camrig_emulators.faults import Faults
 from camrig_emulators.pelco_d_bus import PelcoDBus, Stamped
 from camrig_emulators.pelco_d_settings import PelcoDEmulatorSection, PelcoDHeadSettings
@@ -36,12 +37,16 @@ class PelcoDLine:
         clock: Clock = _REAL_CLOCK,
         seed: int = 0,
         name: str = "pelco-d",
+        script: str = "",
     ) -> None:
-        """Build the line; ``name`` is the last part of the port's path. Raises InputError for heads that clash."""
+        """Build the line; ``name`` is the last part of the port's path, ``script`` what goes wrong and when, in the
+        language of ``fault_script``, from now on. Raises InputError for heads that clash and for a wrong script.
+        """
         self.faults = Faults()
         self._clock = clock
         self._lock = threading.RLock()
-        self._bus = PelcoDBus(heads, self.faults, seed)
+        happenings = FaultScript.parse(script, clock.now_s(), {head.id for head in heads})
+        self._bus = PelcoDBus(heads, self.faults, seed, happenings)
         self.baud: int = self._bus.baud
         self._line = PtyLine(name, self, clock=clock, faults=self.faults)
 
@@ -120,10 +125,10 @@ class PelcoDLine:
 
 
 def _make(section: PelcoDEmulatorSection) -> PelcoDLine:
-    common = section.model_dump(exclude={"id", "address", "heads", "seed"})
+    common = section.model_dump(exclude={"id", "address", "heads", "seed", "script"})
     names = [section.id] if section.heads == 1 else [f"{section.id}{k + 1}" for k in range(section.heads)]
     heads = [PelcoDHeadSettings(id=name, address=section.address + k, **common) for k, name in enumerate(names)]
-    return PelcoDLine(heads, seed=section.seed)
+    return PelcoDLine(heads, seed=section.seed, script=section.script)
 
 
 emulator: Plugin[PelcoDLine] = Plugin(section=PelcoDEmulatorSection, make=_make)

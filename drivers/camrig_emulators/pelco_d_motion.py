@@ -94,15 +94,28 @@ class AxisMotion:
         self.limits = limits
         self._speed = speed
         self._acceleration = acceleration
-        self._start_latency_s = start_latency_s
+        self.start_latency_s = start_latency_s
         self._play = play
         self._history_s = history_s
         self._pieces = [Piece(-math.inf, start, 0.0, 0.0, start)]
         self._begins_s = -math.inf
+        self.goal: float | None = None
+        """Where the last command sent it to a position; None after any other."""
 
-    def go_to(self, target: float, at_s: float) -> None:
-        """Move to ``target``, which the caller keeps within the limits, and rest there."""
-        self._plan(target, self._speed, self._begin(at_s))
+    def go_to(self, target: float, at_s: float, *, past: float = 0.0) -> None:
+        """Move to ``target``, which the caller keeps within the limits, and rest there; first go ``past`` it."""
+        begin_s = self._begin(at_s)
+        self.goal = target
+        if past > 0.0 and target != self.motor(begin_s):
+            low, high = self.limits or (-math.inf, math.inf)
+            beyond = target + math.copysign(past, target - self.motor(begin_s))
+            self._plan(min(max(beyond, low), high), self._speed, begin_s)
+            begin_s = self._pieces[-1].start_s
+        self._plan(target, self._speed, begin_s)
+
+    def home(self, target: float, from_s: float) -> None:
+        """Stand until ``from_s``, then move to ``target``; the caller sends no command before that."""
+        self._plan(target, self._speed, from_s)
 
     def jog(self, speed: float, at_s: float, until_s: float = math.inf) -> None:
         """Turn at a signed speed until ``until_s``, a limit, or the next command."""
@@ -110,6 +123,7 @@ class AxisMotion:
             self.stop(at_s)
             return
         low, high = self.limits or (-math.inf, math.inf)
+        self.goal = None
         self._plan(high if speed > 0.0 else low, abs(speed), self._begin(at_s))
         if until_s < math.inf:
             self._brake(until_s)
@@ -119,6 +133,18 @@ class AxisMotion:
         self._forget(at_s)
         self._brake(at_s)
         self._begins_s = at_s
+        self.goal = None
+
+    def at_stop(self, stamp_s: float) -> bool:
+        """Say whether the motor stands at one of its hard stops."""
+        return self.limits is not None and self.at_rest(stamp_s) and self.motor(stamp_s) in self.limits
+
+    def rested_at(self, stamp_s: float) -> float:
+        """Return where the motor last stood, at the stamp or before."""
+        place = bisect_right(self._pieces, stamp_s, key=lambda piece: piece.start_s) - 1
+        while place > 0 and not self._pieces[place].at_rest:
+            place -= 1
+        return self._pieces[max(place, 0)].position
 
     def motor(self, stamp_s: float) -> float:
         """Return the motor's angle: what an encoder reads."""
@@ -141,7 +167,7 @@ class AxisMotion:
         """Return when a motion commanded at ``at_s`` begins; one already pending is not put off."""
         self._forget(at_s)
         if self._begins_s <= at_s:
-            self._begins_s = at_s + self._start_latency_s if self.at_rest(at_s) else at_s
+            self._begins_s = at_s + self.start_latency_s if self.at_rest(at_s) else at_s
         return self._begins_s
 
     def _brake(self, at_s: float) -> None:

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from camrig_emulators.pelco_d_speeds import Curve
+
 Limits = tuple[float, float]
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -79,7 +81,70 @@ class PelcoDHeadSettings(BaseModel):
     min_gap_s: NotNegative = 0.0
     """A command that begins sooner after the one before is not heard."""
     reset_s: NotNegative = 5.0
-    """A remote reset leaves the head deaf for so long."""
+    """A remote reset leaves the head deaf for so long; then it drives to where it started."""
+    reset_shift_deg: float = 0.0
+    """How much further from the truth its reports are after each reset."""
+
+    hears_all: bool = False
+    """Obey commands to any address, as a Bosch dome set to address 0."""
+    hears_zero: bool = False
+    """Obey address 0 as well, as a broadcast."""
+    speed_zero: Literal["stop", "creep"] = "stop"
+    """What a direction with speed 0 does; creep is 1/65 of full speed (FLIR D300E)."""
+    turbo_byte: Literal[0x40, 0xFF] | None = None
+    """Pan speed byte of turbo; others above 3F, and null, are full speed."""
+    turbo_speed_deg_s: Positive = 150.0
+    manual_speed_deg_s: Positive | None = None
+    """Of speed byte 3F where it differs from max_speed_deg_s, which is then of moves to a position alone."""
+    speed_curve: Curve = "linear"
+    dead_bytes: int = Field(default=0, ge=0, le=62)
+    """So many of the lowest speed bytes turn nothing."""
+    speed_drift: float = Field(default=0.0, ge=0.0, le=0.3)
+    """One sigma of each motion's speed, relative: supply, load and temperature."""
+    zoom_slows: float = Field(default=0.0, ge=0.0, lt=1.0)
+    """By how much of itself full zoom lowers the speed of jogs."""
+    start_jitter_s: NotNegative = 0.0
+    """Up to so much longer than start_latency_s, anything in between, before each motion."""
+    breakaway_s: NotNegative = 0.0
+    """How much longer still a motion takes to begin at a hard stop."""
+    overshoot_deg: NotNegative = 0.0
+    """How far a move to a position goes past it before it settles."""
+    stop_error_deg: NotNegative = 0.0
+    """How far at most from its position a move may end; it reports where it is."""
+    pan_travel: Literal["nearest", "direct"] = "nearest"
+    """Which way a pan without stops goes: the nearest, or never through raw 0."""
+    auto_flip: bool = False
+    """A tilt target beyond straight down turns pan by half a turn and comes up on the other side."""
+    worm_error_deg: NotNegative = 0.0
+    """Greatest periodic error of the gear, which reports do not show."""
+    worm_period_deg: Positive = 4.0
+    stall_loss_deg: NotNegative = 0.0
+    """How many steps, in degrees, are lost whenever a jog runs into a hard stop."""
+    update_s: NotNegative = 0.0
+    """The reported angle is renewed once in so long; 0: always fresh."""
+    reports: Literal["encoder", "target", "frozen"] = "encoder"
+    """target: a moving head reports where it is going; frozen: where it last stood."""
+    wraps: bool = True
+    """false: what would be below raw 0 is reported as 0 (convention B)."""
+    full_turn_as_36000: bool = False
+    """Report 36000 for 0."""
+    absolute: Literal["both", "pan", "tilt", "ignored", "race"] = "both"
+    """Which positions it goes to; ignored ones are acknowledged all the same. race: the second ends the first's."""
+    own_sum: bool = False
+    """General replies sum their own bytes, not the command's."""
+    half_duplex: bool = False
+    """What comes while it answers, or turns round, is not heard."""
+    turn_around_s: NotNegative = 0.0
+    """How long after an answer it is still deaf, on a half-duplex line."""
+    lost_first: int = Field(default=0, ge=0, le=3)
+    """So many first bytes of each answer are lost while the adapter still drives the line."""
+    zoom_limit: int = Field(default=0xFFFF, ge=1, le=0xFFFF)
+    """Greatest zoom position."""
+    zoom_s: Positive = 3.0
+    """From one end of the zoom to the other."""
+    greatest_magnification: float = Field(default=20.0, ge=1.0, le=655.0)
+    opcode_5f: Literal["magnification", "focus"] = "magnification"
+    """What 5F sets and 61 asks."""
 
     @model_validator(mode="after")
     def _starts_within_limits(self) -> PelcoDHeadSettings:
@@ -100,6 +165,8 @@ class PelcoDEmulatorSection(PelcoDHeadSettings):
     heads: int = Field(default=1, ge=1, le=32)
     """How many, at the addresses from the given one upwards."""
     seed: int = 0
+    script: str = ""
+    """What goes wrong and when, in statements with ';' between: 'at 5 unplug; at 8 replug; from 10 to 12 silent'."""
 
     @model_validator(mode="after")
     def _has_addresses_for_all(self) -> PelcoDEmulatorSection:

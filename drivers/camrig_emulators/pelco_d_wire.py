@@ -12,10 +12,11 @@ from dataclasses import dataclass
 SYNC = 0xFF
 FRAME_LENGTH = 7
 
-LEFT, RIGHT, UP, DOWN = 0x04, 0x02, 0x08, 0x10
+LEFT, RIGHT, UP, DOWN, TELE, WIDE = 0x04, 0x02, 0x08, 0x10, 0x20, 0x40
 """Bits of command2 in a standard command."""
 
-FULL_SPEED = 0x3F
+SENSE, CAMERA = 0x80, 0x08
+"""Bits of command1: the camera goes on with both, off with the second alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,11 @@ class Command:
     def bits(self) -> int:
         """Directions of a standard command."""
         return self.raw[3]
+
+    @property
+    def switches(self) -> int:
+        """The first command byte."""
+        return self.raw[2]
 
     @property
     def data(self) -> tuple[int, int]:
@@ -106,9 +112,12 @@ def checksum(body: bytes | bytearray) -> int:
     return sum(body) & 0xFF
 
 
-def general_reply(address: int, command_checksum: int, alarms: int = 0) -> bytes:
-    """Return the 4-byte answer; its sum is that of the command plus the alarms, the address not added again."""
-    return bytes((SYNC, address, alarms, (command_checksum + alarms) & 0xFF))
+def general_reply(address: int, command_checksum: int, alarms: int = 0, *, own_sum: bool = False) -> bytes:
+    """Return the 4-byte answer; its sum is that of the command plus the alarms, the address not added again.
+
+    ``own_sum``: the sum of its own two bytes instead, as some heads do.
+    """
+    return bytes((SYNC, address, alarms, ((address if own_sum else command_checksum) + alarms) & 0xFF))
 
 
 def extended_reply(address: int, opcode: int, value: int) -> bytes:

@@ -34,13 +34,13 @@ def manual_clock() -> ManualClock:
 
 @pytest.fixture
 def pelco_d_emulator() -> Iterator[Callable[..., PelcoDLine]]:
-    """Return ``start(*heads, seed=0)``: heads (PelcoDHeadSettings; none = one plain head) on one port, ``.port``."""
+    """Return ``start(*heads, seed=0, script="")``: PelcoDHeadSettings (none = one plain head) on one ``.port``."""
     from camrig_emulators.pelco_d_head import PelcoDHeadSettings, PelcoDLine
 
     with ExitStack() as stack:
 
-        def start(*heads: PelcoDHeadSettings, seed: int = 0) -> PelcoDLine:
-            line = PelcoDLine(heads or [PelcoDHeadSettings(id="head")], seed=seed)
+        def start(*heads: PelcoDHeadSettings, seed: int = 0, script: str = "") -> PelcoDLine:
+            line = PelcoDLine(heads or [PelcoDHeadSettings(id="head")], seed=seed, script=script)
             stack.callback(line.stop)
             line.start()
             return line

@@ -135,8 +135,9 @@ def test_a_reset_stops_and_deafens() -> None:
     rest = truth_deg(bench)
     bench.send(1, LEFT, 0x2000)
     assert bench.ask(1, 0x51) == b""
-    bench.wait(2.0)
     assert truth_deg(bench) == rest
+    bench.wait(3.0)
+    assert truth_deg(bench) == (0.0, 0.0), "awake again it drives home"
     assert len(bench.ask(1, 0x51)) == 7
 
 
