@@ -15,7 +15,8 @@ import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pose import transform
-from camrig.geometry.rotation import rotation_exp, rotation_log, wrap_angle
+from camrig.geometry.rotation import rotation_exp, rotation_log
+from camrig.locate import curve
 from camrig.messages import AxisReading, DroneReading
 from camrig.rig import CameraSpec, DroneMount, HeadMount
 
@@ -26,7 +27,9 @@ MAX_GAP_S = 1.0
 MAX_REACH_S = 0.5
 """Further outside the readings the carrier's pose is unknown."""
 
-HEAD_ACCELERATION_RAD_S2 = 2.0
+LEADING = 6
+"""How many readings of an axis are followed up to a stamp."""
+
 DRONE_ACCELERATION_M_S2 = 2.0
 DRONE_ACCELERATION_RAD_S2 = 5.0
 """What a carrier may do unseen: between readings a motion bounded by it strays a dt^2 w (1 - w) / 2 from the chord,
@@ -53,17 +56,11 @@ class AxisHistory:
         span = _span(self.readings, stamp_s)
         if span is None:
             return None
-        before, after, share, outside_s = span
-        gap_s = after.stamp_s - before.stamp_s
-        delta = wrap_angle(after.angle_rad - before.angle_rad)
-        rate = delta / gap_s if gap_s > 0.0 else 0.0
-        # An axis runs one way between two readings, so its path stays between them as well.
-        stray = min(_stray(HEAD_ACCELERATION_RAD_S2, gap_s, share), 0.5 * abs(delta))
-        stray += 0.5 * HEAD_ACCELERATION_RAD_S2 * outside_s**2
-        variance = stray**2
-        for weight, reading in ((1.0 - share, before), (share, after)):
-            variance += weight**2 * (reading.sigma_rad**2 + (rate * reading.stamp_sigma_s) ** 2)
-        return before.angle_rad + share * delta, variance
+        before, after, _, outside_s = span
+        if before is after:
+            stray = 0.5 * curve.ACCELERATION_RAD_S2 * outside_s**2
+            return before.angle_rad, before.sigma_rad**2 + stray**2
+        return curve.axis_at(_around(self.readings, after), stamp_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,3 +198,11 @@ def _span(readings: tuple[ReadingT, ...], stamp_s: float) -> tuple[ReadingT, Rea
 def _stray(acceleration: float, gap_s: float, share: float) -> float:
     """Return how far a motion of bounded acceleration may stray from the chord at ``share`` of the way."""
     return 0.5 * acceleration * gap_s**2 * max(0.0, share * (1.0 - share))
+
+
+def _around(readings: tuple[AxisReading, ...], after: AxisReading) -> tuple[AxisReading, ...]:
+    """Return the readings that lead to one, not beyond a long silence."""
+    last = first = readings.index(after)
+    while first > max(0, last - LEADING) and readings[first].stamp_s - readings[first - 1].stamp_s <= MAX_GAP_S:
+        first -= 1
+    return readings[first : last + 1]
