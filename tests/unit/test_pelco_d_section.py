@@ -16,7 +16,7 @@ from camrig.errors import InputError
 from camrig.geometry.pan_tilt import PanTilt
 from camrig.rig import HeadSpec
 from camrig_drivers.pelco_d import driver
-from camrig_drivers.pelco_d.head import AxisScale
+from camrig_drivers.pelco_d.axis import AxisScale, SpeedTable
 from camrig_drivers.pelco_d.section import AxisSection, PelcoDSection
 
 
@@ -69,6 +69,57 @@ def test_anything_else_is_refused(wrong: Mapping[str, Any]) -> None:
 def test_echo_may_be_written_without_quotes(echo: str) -> None:
     keys = yaml.safe_load(f"{{port: /dev/ttyUSB0, echo: {echo}}}")
     assert PelcoDSection.model_validate(keys).echo == echo
+
+
+_SPEEDS = {"speeds": {1: 0.5, 63: 40.0}}
+_AXES = {"pan": _SPEEDS, "tilt": _SPEEDS}
+_ZERO = {"by": "preset", "preset": 5, "pan_deg": 0.0, "tilt_deg": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("keys", "why"),
+    [
+        ({"grade": "velocity"}, "grade velocity needs axes.pan.speeds"),
+        ({"grade": "velocity", "axes": {"pan": _SPEEDS}}, "needs axes.tilt.speeds"),
+        ({"grade": "open_loop", "axes": _AXES}, "open_loop goes with grade: open_loop"),
+        ({"open_loop": {"zero": _ZERO}}, "open_loop goes with grade: open_loop"),
+        ({"axes": {"pan": {"speeds": {}}}}, "give at least one speed byte"),
+        ({"axes": {"pan": {"speeds": {1: 5.0, 9: 5.0}}}}, "5 deg/s at 1 and 5 at 9 do not"),
+        ({"axes": {"pan": {"speeds": {64: 90.0}}}}, "byte 64 is turbo; give dialect.turbo"),
+        ({"axes": {"tilt": {"speeds": {64: 90.0}}}, "dialect": {"turbo": 0x40}}, "tilt has no turbo"),
+        ({"refresh_s": 15.0}, "less than or equal to 14"),
+        (
+            {"grade": "open_loop", "axes": _AXES, "open_loop": {"zero": {**_ZERO, "preset": 95}}},
+            "95 is an order to many heads; set special_presets",
+        ),
+        (
+            {"grade": "open_loop", "axes": _AXES, "open_loop": {"zero": {**_ZERO, "by": "end_stops"}}},
+            "preset goes with by: preset",
+        ),
+    ],
+)
+def test_what_a_grade_needs_and_what_it_does_not_take(keys: Mapping[str, Any], why: str) -> None:
+    with pytest.raises(ValidationError) as refused:
+        PelcoDSection.model_validate({"port": "/dev/ttyUSB0", **keys})
+    assert why in str(refused.value)
+
+
+def test_a_special_preset_is_allowed_when_asked_for() -> None:
+    keys = {
+        "grade": "open_loop",
+        "axes": _AXES,
+        "special_presets": True,
+        "open_loop": {"zero": {**_ZERO, "preset": 95}},
+    }
+    assert PelcoDSection.model_validate({"port": "/dev/ttyUSB0", **keys}).open_loop is not None
+
+
+@given(speed=st.floats(0.0, 60.0))
+def test_a_speed_is_never_more_than_was_wanted(speed: float) -> None:
+    table = SpeedTable({1: 0.5, 20: 6.0, 63: 40.0})
+    byte = table.byte_for(math.radians(speed))
+    assert math.degrees(table.speed_rad_s(byte)) <= speed + 1e-6
+    assert byte == 63 or math.degrees(table.speed_rad_s(byte + 1)) > speed - 1e-6
 
 
 def test_heads_with_a_taken_address_are_one_fault_each() -> None:
@@ -160,6 +211,8 @@ def test_outside_its_limits_nothing_is_commanded(angle_deg: float) -> None:
         _axis().raw(math.radians(angle_deg))
 
 
-def test_sigma_counts_last_digit_play_and_what_the_section_says() -> None:
-    assert _axis().sigma_rad == pytest.approx(math.radians(0.01 / math.sqrt(12.0)))
-    assert _axis(backlash_deg=0.6).sigma_rad == pytest.approx(math.radians(0.6 / math.sqrt(12.0)), rel=1e-3)
+def test_sigma_counts_last_digit_what_is_unknown_of_the_play_and_what_the_section_says() -> None:
+    digit_rad = math.radians(0.01 / math.sqrt(12.0))
+    assert _axis().sigma_rad(0.0) == pytest.approx(digit_rad)
+    assert _axis(resolution_deg=0.1).sigma_rad(0.0) == pytest.approx(10.0 * digit_rad)
+    assert _axis().sigma_rad(math.radians(0.6)) == pytest.approx(math.radians(0.6 / math.sqrt(12.0)), rel=1e-3)

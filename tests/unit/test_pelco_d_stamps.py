@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camrig_drivers.pelco_d.bus import timed
 from camrig_drivers.pelco_d.codec import Extended, Op
+from camrig_drivers.pelco_d.timing import timed
 
 REPLY = Extended(1, Op.PAN, 0, 0)
 

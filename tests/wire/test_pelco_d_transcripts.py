@@ -23,9 +23,10 @@ from camrig.geometry.pan_tilt import PanTilt
 from camrig.interfaces import Head
 from camrig.rig import HeadSpec
 from camrig_drivers.pelco_d import driver
-from camrig_drivers.pelco_d.bus import Answer, Bus, LineSettings, Link, Miss
+from camrig_drivers.pelco_d.bus import Bus, LineSettings, Link
 from camrig_drivers.pelco_d.codec import Axis
 from camrig_drivers.pelco_d.commands import query_position, set_position
+from camrig_drivers.pelco_d.timing import Answer, Miss
 
 BAUD = 115200
 GAP_S = 0.005
@@ -40,7 +41,7 @@ ASK_PAN, ASK_TILT = "ff010051000052", "ff010053000054"
 PAN_0, TILT_0 = "ff01005900005a", "ff01005b00005c"
 PAN_20, TILT_30 = "ff01005984d0ae", "ff01005b0bb81f"  # raw 340.00: 20 deg; raw 30.00: -30 deg
 STOP = "ff010000000001"
-OPENED = [(ASK_PAN, PAN_0), (ASK_TILT, TILT_0)]
+OPENED = [(ASK_PAN, PAN_20), (ASK_TILT, TILT_30)]
 STOPPED = [(STOP, ""), (STOP, "")]
 
 

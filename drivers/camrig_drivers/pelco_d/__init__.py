@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from serial.tools import list_ports
 
-from camrig.clock import RealClock
+from camrig.clock import Clock, RealClock
 from camrig.interfaces import Driver, Found, Head
 from camrig.rig import HeadSpec
 from camrig_drivers.pelco_d.bus import Bus, LineSettings
 from camrig_drivers.pelco_d.head import PelcoDHead
+from camrig_drivers.pelco_d.port import Port, SerialPort
 from camrig_drivers.pelco_d.section import PelcoDSection, check, line_of
 
-__all__ = ["driver"]
+__all__ = ["buses_for", "driver"]
 
 _BY_ID = Path("/dev/serial/by-id")
 _DENIED = "it may not be opened by this user; add the user to the port's group (dialout on Debian) and log in again"
@@ -24,13 +26,23 @@ _DENIED = "it may not be opened by this user; add the user to the port's group (
 def _make(heads: Mapping[str, tuple[HeadSpec, PelcoDSection]]) -> Mapping[str, Head]:
     """Build all heads; those of one line share its bus, which takes the longest gap and time-out any of them asks."""
     clock = RealClock()
-    lines: dict[str, list[PelcoDSection]] = {}
-    for _, section in heads.values():
-        lines.setdefault(line_of(section.port), []).append(section)
-    buses = {line: Bus(_settings(sections), clock) for line, sections in lines.items()}
+    buses = buses_for([section for _, section in heads.values()], clock)
     return {
         name: PelcoDHead(spec, section, buses[line_of(section.port)], clock) for name, (spec, section) in heads.items()
     }
+
+
+def buses_for(
+    sections: Sequence[PelcoDSection],
+    clock: Clock,
+    open_port: Callable[[str, int], SerialPort] = Port,
+    make_condition: Callable[[], threading.Condition] = threading.Condition,
+) -> Mapping[str, Bus]:
+    """Return the bus of each line, by ``line_of`` of its port."""
+    lines: dict[str, list[PelcoDSection]] = {}
+    for section in sections:
+        lines.setdefault(line_of(section.port), []).append(section)
+    return {line: Bus(_settings(sharing), clock, open_port, make_condition) for line, sharing in lines.items()}
 
 
 def _settings(sections: Sequence[PelcoDSection]) -> LineSettings:

@@ -12,26 +12,25 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TypeVar
 
 from camrig.clock import Clock
 from camrig.errors import LinkLost
-from camrig_drivers.pelco_d.codec import COMMAND_BYTES, Command, Echo, Reply, Request, encode, find_reply
+from camrig_drivers.pelco_d.codec import COMMAND_BYTES, Command, Echo, Extended, Reply, Request, encode, find_reply
 from camrig_drivers.pelco_d.commands import STOP
-from camrig_drivers.pelco_d.port import Port
+from camrig_drivers.pelco_d.port import Port, SerialPort
+from camrig_drivers.pelco_d.timing import Answer, LinkStatistics, Miss, ReplyTime, timed
 
 T = TypeVar("T")
 
 _BITS_A_BYTE = 10
 """8N1: a start bit, eight data bits, a stop bit."""
-_BAUD_TOLERANCE = 0.03
-"""How much faster than its nominal rate a UART may send and still be understood."""
 _REPEAT_S = 0.25
 """The longest that the repetition of a stop waits for the reply of the exchange it cut short."""
 _LATE_S = 0.4
@@ -51,44 +50,34 @@ class LineSettings:
     resync_tail: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """A reply, and when the head sampled it: between our frame's end and its own start, ``stamp_s`` +- half that."""
-
-    reply: Reply
-    stamp_s: float
-    half_window_s: float
-
-
-class Miss(StrEnum):
-    """Why there is no answer."""
-
-    SILENT = "nothing came back"
-    GARBLED = "what came back is no answer"
-    TOO_SOON = "the answer came sooner than the baud rate allows"
-    CUT = "a stop went first"
-
-
 class Bus:
     """The line. Open while at least one head is attached to it; any thread may call."""
 
-    def __init__(self, settings: LineSettings, clock: Clock) -> None:
+    def __init__(
+        self,
+        settings: LineSettings,
+        clock: Clock,
+        open_port: Callable[[str, int], SerialPort] = Port,
+        make_condition: Callable[[], threading.Condition] = threading.Condition,
+    ) -> None:
+        """Open nothing yet. Simulated time brings a port and a condition of its own."""
         self.settings = settings
         self.clock = clock
-        self._changed = threading.Condition()
+        self._open_port = open_port
+        self._changed = make_condition()
         self._queue: deque[object] = deque()
         self._stops_waiting = 0
         self._busy = False
         self._quiet_from_s = 0.0
         self._owed_stops: deque[bytes] = deque()
-        self._port: Port | None = None
+        self._port: SerialPort | None = None
         self._links: set[Link] = set()
 
     def attach(self, address: int) -> Link:
         """Open the line where it is not, and return one head's use of it; raises LinkLost. Sends nothing."""
         with self._turn():
             if self._port is None:
-                self._port = Port(self.settings.port, self.settings.baud)
+                self._port = self._open_port(self.settings.port, self.settings.baud)
                 self._owed_stops.clear()
                 self._quiet_from_s = self.clock.now_s()
             link = Link(self, self._port, address)
@@ -103,11 +92,11 @@ class Bus:
         with self._changed:
             self._links.discard(link)
 
-    def query(self, port: Port, request: Request) -> Answer | Miss:
-        """Ask and wait for the reply; raises LinkLost."""
-        return self._in_turn(port, lambda: self._converse(port, request))
+    def query(self, port: SerialPort, request: Request, timeout_s: float) -> Answer | Miss:
+        """Ask and wait until the reply should have begun ``timeout_s`` ago; raises LinkLost."""
+        return self._in_turn(port, lambda: self._converse(port, request, timeout_s))
 
-    def send(self, port: Port, frame: bytes, allowed: Callable[[], bool]) -> bool:
+    def send(self, port: SerialPort, frame: bytes, allowed: Callable[[], bool]) -> bool:
         """Send a frame that nobody answers, if it is still allowed when its turn comes; raises LinkLost."""
 
         def send_if_allowed() -> bool:
@@ -118,7 +107,7 @@ class Bus:
 
         return self._in_turn(port, send_if_allowed)
 
-    def stop(self, port: Port, frame: bytes) -> None:
+    def stop(self, port: SerialPort, frame: bytes) -> None:
         """Send a stop frame now, ahead of the queue, and owe its repetition; raises LinkLost."""
         with self._stop_turn(port):
             if frame not in self._owed_stops:
@@ -131,7 +120,7 @@ class Bus:
             if not any(other.port is link.port for other in self._links):
                 self._drop(link.port)
 
-    def _in_turn(self, port: Port, work: Callable[[], T]) -> T:
+    def _in_turn(self, port: SerialPort, work: Callable[[], T]) -> T:
         """Run ``work`` with the line to itself, after the stops that are still owed; each frame has its own gap."""
         while True:
             with self._turn(port):
@@ -140,7 +129,7 @@ class Bus:
                 self._transmit(port, self._owed_stops.popleft())
 
     @contextmanager
-    def _turn(self, port: Port | None = None) -> Iterator[None]:
+    def _turn(self, port: SerialPort | None = None) -> Iterator[None]:
         ticket = object()
         with self._changed:
             self._queue.append(ticket)
@@ -161,7 +150,7 @@ class Bus:
         return self._quiet_from_s - self.clock.now_s()
 
     @contextmanager
-    def _stop_turn(self, port: Port) -> Iterator[None]:
+    def _stop_turn(self, port: SerialPort) -> Iterator[None]:
         with self._changed:
             self._stops_waiting += 1
             try:
@@ -176,7 +165,7 @@ class Bus:
             yield
 
     @contextmanager
-    def _holding(self, port: Port | None) -> Iterator[None]:
+    def _holding(self, port: SerialPort | None) -> Iterator[None]:
         try:
             self._require_current(port)
             yield
@@ -189,28 +178,28 @@ class Bus:
                 self._busy = False
                 self._changed.notify_all()
 
-    def _require_current(self, port: Port | None) -> None:
+    def _require_current(self, port: SerialPort | None) -> None:
         if port is not None and port is not self._port:
             raise LinkLost(f"serial port {port.path} was lost or closed")
 
-    def _drop(self, port: Port) -> None:
+    def _drop(self, port: SerialPort) -> None:
         with self._changed:  # so that no stop wakes a port that is being closed
             port.close()
             if self._port is port:
                 self._port = None
 
-    def _transmit(self, port: Port, frame: bytes) -> float:
+    def _transmit(self, port: SerialPort, frame: bytes) -> float:
         """Write a frame; return the time at which its last bit will have left."""
         sent_s = self.clock.now_s() + self._on_air_s(len(frame))
         port.write(frame)
         self._quiet_until(sent_s + self.settings.gap_s)
         return sent_s
 
-    def _converse(self, port: Port, request: Request) -> Answer | Miss:
+    def _converse(self, port: SerialPort, request: Request, timeout_s: float) -> Answer | Miss:
         port.discard_input()
         asked_s = self._transmit(port, request.frame)
         reply_s = self._on_air_s(request.reply_bytes)
-        deadline_s = asked_s + reply_s + self.settings.reply_timeout_s
+        deadline_s = asked_s + reply_s + timeout_s
         received, heard_s, miss = b"", asked_s, Miss.SILENT
         while (left_s := deadline_s - self.clock.now_s()) > 0.0:
             if self._stops_waiting:
@@ -245,10 +234,12 @@ class Bus:
 class Link:
     """One head's use of the line, from attaching to closing. Everything but ``close`` may raise LinkLost."""
 
-    def __init__(self, bus: Bus, port: Port, address: int) -> None:
+    def __init__(self, bus: Bus, port: SerialPort, address: int) -> None:
         self.port = port
         self.permit = object()
         """What a motion must show to be sent; every stop makes a new one, and old ones are void."""
+        self.reply_time = ReplyTime(bus.settings.reply_timeout_s)
+        self.statistics = LinkStatistics()
         self._bus = bus
         self._address = address
         self._ask_again_s: dict[Command, float] = {}
@@ -256,30 +247,33 @@ class Link:
     def ask(self, command: Command) -> Answer | Miss:
         """Put a query and wait for its answer; after a miss the same query first waits until a late answer is past."""
         clock = self._bus.clock
-        clock.sleep_s(self._ask_again_s.pop(command, clock.now_s()) - clock.now_s())
-        answer = self._bus.query(self.port, Request(self._address, command))
+        if (wait_s := self._ask_again_s.pop(command, -math.inf) - clock.now_s()) > 0.0:
+            clock.sleep_s(wait_s)
+        self.statistics.asked += 1
+        answer = self._bus.query(self.port, Request(self._address, command), self.reply_time.timeout_s)
         if isinstance(answer, Miss):
             self._ask_again_s[command] = clock.now_s() + _LATE_S
+            self.statistics.count(answer)
+            self.reply_time.missed()
+        else:
+            self.statistics.answered += 1
+            self.statistics.degraded += isinstance(answer.reply, Extended) and answer.reply.degraded
+            self.reply_time.heard(answer)
         return answer
 
     def move(self, command: Command, permit: object) -> bool:
         """Send a motion; False where a stop has voided its permit, and then nothing is sent."""
-        return self._bus.send(self.port, encode(self._address, command), lambda: permit is self.permit)
+        sent = self._bus.send(self.port, encode(self._address, command), lambda: permit is self.permit)
+        self.statistics.moves += sent
+        self.statistics.voided += not sent
+        return sent
 
     def stop(self) -> None:
         """Void every permit and send stop, ahead of everything; any thread."""
         self.permit = object()
+        self.statistics.stops += 1
         self._bus.stop(self.port, encode(self._address, STOP))
 
     def close(self) -> None:
         """Let go of the line; twice is allowed."""
         self._bus.detach(self)
-
-
-def timed(reply: Reply, asked_s: float, heard_s: float, reply_s: float) -> Answer | None:
-    """Stamp a reply whose last byte came at ``heard_s``; None where it began before the question had ended."""
-    window_s = heard_s - reply_s - asked_s
-    if window_s < -_BAUD_TOLERANCE * reply_s:
-        return None
-    half_window_s = max(0.0, 0.5 * window_s)
-    return Answer(reply, asked_s + half_window_s, half_window_s)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, Protocol
 
 from pydantic import BaseModel, ConfigDict
 
@@ -125,3 +125,38 @@ def write_char(column: int, character: str) -> Command:
     if column not in range(40) or len(character) != 1 or not character.isascii():
         raise InputError(f"Pelco-D writes one ASCII character at column 0..39; got {character!r} at {column}")
     return extended(Op.WRITE_CHAR, column << 8 | ord(character))
+
+
+class LensSettings(Protocol):
+    """What may be set of a head's own camera; None leaves it as it is."""
+
+    @property
+    def auto_focus(self) -> bool | None: ...
+
+    @property
+    def auto_iris(self) -> bool | None: ...
+
+    @property
+    def agc(self) -> bool | None: ...
+
+    @property
+    def blc(self) -> bool | None: ...
+
+    @property
+    def awb(self) -> bool | None: ...
+
+    @property
+    def magnification(self) -> float | None: ...
+
+
+def lens_settings(wanted: LensSettings, dialect: Dialect) -> Sequence[Command]:
+    """Return the commands that bring a head's own camera to what is wanted, magnification first."""
+    switches = {
+        Op.AUTO_FOCUS: wanted.auto_focus,
+        Op.AUTO_IRIS: wanted.auto_iris,
+        Op.AGC: wanted.agc,
+        Op.BLC: wanted.blc,
+        Op.AWB: wanted.awb,
+    }
+    zoom = [] if wanted.magnification is None else [set_magnification(round(100.0 * wanted.magnification), dialect)]
+    return zoom + [switch(op, on=on, dialect=dialect) for op, on in switches.items() if on is not None]

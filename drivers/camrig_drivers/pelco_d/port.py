@@ -7,6 +7,7 @@ import fcntl
 import termios
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import Protocol
 
 import serial
 
@@ -21,6 +22,29 @@ _ADVICE = {
     errno.EBUSY: "another program holds it; stop that program",
     errno.ENOTTY: "it is no serial port; check the name",
 }
+
+
+class SerialPort(Protocol):
+    """What a line is spoken through: ``Port``, or a simulated one; every method as there."""
+
+    @property
+    def path(self) -> str: ...
+
+    @property
+    def fd(self) -> int: ...
+
+    @property
+    def is_open(self) -> bool: ...
+
+    def write(self, frame: bytes) -> None: ...
+
+    def read(self, size: int, timeout_s: float) -> bytes: ...
+
+    def discard_input(self) -> None: ...
+
+    def wake(self) -> None: ...
+
+    def close(self) -> None: ...
 
 
 class Port:
