@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtri
 
 from camrig.geometry.arrays import Transform
 from camrig.geometry.rotation import rotation_log
@@ -49,4 +49,4 @@ def residual_limit_px(width_px: float) -> float:
 
 @lru_cache(maxsize=256)
 def _chi2_limit(freedoms: int) -> float:
-    return float(chi2_distribution.ppf(0.999, freedoms))
+    return float(chdtri(freedoms, 0.001))
