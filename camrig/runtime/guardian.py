@@ -62,6 +62,7 @@ def guard(channel: socket.socket) -> None:
 
 
 if __name__ == "__main__":
-    for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    # Sent to the whole service, SIGABRT by its watchdog: the guardian outlives the daemon, and ends by itself.
+    for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGABRT):
         signal.signal(ignored, signal.SIG_IGN)
     guard(socket.socket(fileno=int(sys.argv[1])))

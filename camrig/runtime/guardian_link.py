@@ -29,6 +29,11 @@ class GuardianLink:
         finally:
             theirs.close()
 
+    @property
+    def pid(self) -> int:
+        """The guardian's process."""
+        return self._process.pid
+
     def hold(self, name: str, guard: Guard) -> None:
         """Have the guardian stop this head should the daemon die; raises HardwareError when the guardian is gone."""
         message = b"+" + name.encode() + b"\0" + guard.stop_bytes

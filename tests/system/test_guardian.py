@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
 from camrig.interfaces import Guard
 from camrig.runtime.guardian_link import GuardianLink
+from tests.runtime_parts import until
 
 
 @dataclass
@@ -42,6 +45,23 @@ def test_a_held_head_is_stopped_when_the_daemon_goes_away(port: Port) -> None:
     assert guardian.alive()
     guardian.close()
     assert port.written(0.0) == b"STOP" * 3
+
+
+@pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGABRT, signal.SIGHUP], ids=lambda sent: sent.name)
+def test_it_outlives_what_systemd_sends_to_the_whole_service(port: Port, sent: signal.Signals) -> None:
+    guardian = GuardianLink()
+    guardian.hold("pt1", Guard(port.writer, b"STOP"))
+    until(lambda: ignores(guardian.pid, sent))  # it is up
+    os.kill(guardian.pid, sent)
+    assert guardian.alive()
+    guardian.close()
+    assert port.written(0.0) == b"STOP" * 3
+
+
+def ignores(pid: int, sent: signal.Signals) -> bool:
+    status = Path(f"/proc/{pid}/status").read_text()
+    (mask,) = (line.split()[1] for line in status.splitlines() if line.startswith("SigIgn:"))
+    return bool(int(mask, 16) >> (sent - 1) & 1)
 
 
 def test_a_released_head_is_left_alone(port: Port) -> None:
