@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 
+from camrig.clock import Clock, RealClock
 from camrig.errors import HardwareError
 from camrig.messages import PlannerAnswer, PlannerRequest
 from camrig.optimise import PlannerSettings
@@ -21,6 +22,8 @@ log = logging.getLogger(__name__)
 _EXIT_TIMEOUT_S = 0.5
 _DEATHS_ALLOWED = 2
 """Over one request. A process may be killed by the system; one that dies again and again has a bug."""
+ANSWER_LIMIT_S = 300.0
+"""A planner that owes an answer for longer hangs, and is killed. The first one may compile kernels for minutes."""
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
@@ -30,9 +33,11 @@ class PlannerLink:
 
     rig: Rig
     settings: PlannerSettings
+    clock: Clock = field(default_factory=RealClock)
     _process: subprocess.Popen[bytes] = field(init=False)
     _connection: Connection = field(init=False)
     _owed: PlannerRequest | None = None
+    _asked_s: float = 0.0
     _deaths: int = 0
 
     def __post_init__(self) -> None:
@@ -47,7 +52,7 @@ class PlannerLink:
         """Hand over a request; only while ``idle``. A planner that has died is started again."""
         if self._owed is not None:
             raise RuntimeError("the planner still owes an answer; submit only while it is idle")
-        self._owed = request
+        self._owed, self._asked_s = request, self.clock.now_s()
         try:
             self._connection.send(request)
         except OSError:
@@ -61,6 +66,7 @@ class PlannerLink:
             return None
         try:
             if not self._connection.poll():
+                self._kill_if_hung()
                 return None
             answer: PlannerAnswer = self._connection.recv()
         except (EOFError, OSError):
@@ -74,6 +80,12 @@ class PlannerLink:
         self._connection.close()
         self._process.kill()
         self._process.wait()
+
+    def _kill_if_hung(self) -> None:
+        if self.clock.now_s() > self._asked_s + ANSWER_LIMIT_S:
+            log.warning("the planner has not answered for %.0f s: its process is killed", ANSWER_LIMIT_S)
+            self._asked_s = self.clock.now_s()
+            self._process.kill()  # the next poll finds it dead
 
     def _restart(self) -> None:
         with suppress(subprocess.TimeoutExpired):

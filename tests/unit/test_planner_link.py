@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from camrig.clock import ManualClock
 from camrig.errors import HardwareError
 from camrig.messages import HeadAim, PlannerAnswer, PlanRequest, PlanTarget, RigPlan, ScanPlan, ScanRequest
 from camrig.optimise import PlannerSettings
-from camrig.runtime.planner_link import PlannerLink
+from camrig.runtime.planner_link import ANSWER_LIMIT_S, PlannerLink
 from tests.runtime_parts import one_head_rig, until
 
 START_TIMEOUT_S = 20.0
@@ -89,6 +90,20 @@ def test_a_planner_killed_while_idle_takes_the_next_request(planner: PlannerLink
     assert planner.idle
     planner.submit(request(2))
     assert answer(planner).request_id == 2
+
+
+def test_a_planner_that_hangs_is_replaced_and_its_request_answered() -> None:
+    clock = ManualClock()
+    link = PlannerLink(one_head_rig(), PlannerSettings(), clock)
+    try:
+        link.submit(request(5))
+        (hung,) = children()
+        os.kill(hung, signal.SIGSTOP)
+        clock.advance(ANSWER_LIMIT_S + 1.0)
+        assert answer(link).request_id == 5
+        assert hung not in children()
+    finally:
+        link.close()
 
 
 def test_a_request_that_kills_every_planner_ends_the_rig(planner: PlannerLink) -> None:
