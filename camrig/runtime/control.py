@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from camrig.clock import Clock
 from camrig.interfaces import Published, Sink
-from camrig.messages import DroneCommand, HeadCommand, Level, LinkReport, LinkStatus
+from camrig.messages import DroneCommand, Event, HeadCommand, Level, LinkReport, LinkStatus
 from camrig.pipeline import Inputs, Outputs, Settings, State, begin, rescan, step
 from camrig.rig import Rig
 from camrig.runtime.jobs import CameraJob, DroneJob, HeadJob
@@ -107,10 +107,17 @@ class Control:
 
     def _publish(self, published: Published) -> None:
         for event in published.events:
-            log.log(_LOG_LEVELS[event.level], "%s: %s", event.about, event.text)
+            log.log(_LOG_LEVELS[event.level], "%s: %s", event.about, event.text, extra=self._about(event, published))
         for sink in self.sinks:
             sink.write(published)
         self.latest = published
+
+    def _about(self, event: Event, published: Published) -> dict[str, str]:
+        """Return what the log is told beside an event's text: which device or target, and how it is."""
+        if event.about in self.link_states:
+            return {"device": event.about, "state": self.link_states[event.about].value}
+        statuses = {target.id: target.status.value for target in published.targets}
+        return {"target": event.about, "state": statuses[event.about]} if event.about in statuses else {}
 
 
 _LOG_LEVELS = {Level.INFO: logging.INFO, Level.WARNING: logging.WARNING}

@@ -125,6 +125,6 @@ class Worker:
 def log_failure(logger: logging.Logger, name: str, error: BaseException) -> None:
     """Log what ended a thread: a sentence where it is one for the user, with its traceback where it is a bug."""
     if isinstance(error, CamrigError):
-        logger.error("%s: %s", name, error)
+        logger.error("%s: %s", name, error, extra={"device": name})
     else:
-        logger.error("%s: unexpected failure", name, exc_info=error)
+        logger.error("%s: unexpected failure", name, exc_info=error, extra={"device": name})
