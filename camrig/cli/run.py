@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import typer
 from rich.logging import RichHandler
@@ -17,14 +18,14 @@ from rich.table import Table
 
 from camrig.cli.console import people, print_json
 from camrig.config.rig_file import load_rig
-from camrig.config.settings import settings_of
+from camrig.outputs.journal import JournalHandler, journal_behind
 from camrig.report.spread import SpreadSink
 from camrig.runtime.daemon import Daemon
-from camrig.runtime.emulated import emulated_world
 from camrig.runtime.operator import Operator
 from camrig.runtime.operator_server import serving
 from camrig.runtime.operator_socket import claimed, runtime_folder
 from camrig.runtime.operator_status import RecentEvents
+from camrig.runtime.reload import Run
 
 
 def run(
@@ -34,34 +35,54 @@ def run(
         bool, typer.Option("--json", help="End with one JSON object: spread of static targets.")
     ] = False,
 ) -> None:
-    """Run a rig until SIGTERM or SIGINT, or until every camera's recording has ended; then come to rest and exit 0."""
+    """Run a rig until SIGTERM or SIGINT, or until every camera's recording has ended; then come to rest and exit 0.
+
+    SIGHUP reads the file again: where it has faults they are said and the rig runs on as it was, else the heads are
+    stopped and the new configuration is started.
+    """
     log_to_stderr()
     spread, events = SpreadSink(), RecentEvents()
     loaded = load_rig(config)
-    with claimed(loaded.rig.name, runtime_folder()) as listener, emulated_world(loaded) as (rig_config, _):
-        daemon = Daemon(rig_config, settings_of(rig_config), extra_sinks=[spread, events])
-        with stopped_by_signals(daemon):
-            daemon.start()
-            try:
-                with serving(listener, Operator(daemon, events), daemon.request_stop):
-                    daemon.supervise(daemon.clock.now_s() + seconds if seconds else float("inf"))
-            finally:
-                daemon.stop()
+    with claimed(loaded.rig.name, runtime_folder()) as listener:
+        rig = Run(config, loaded, [spread, events], lambda daemon: _serving(listener, daemon, events))
+        with stopped_by_signals(rig), reloaded_by_signals(rig):
+            rig.until(rig.clock.now_s() + seconds if seconds else float("inf"))
     if as_json:
         print_json({"spread": {name: asdict(found) for name, found in spread.spreads().items()}})
     else:
         people.print(*_spread_tables(spread))
 
 
-@contextmanager
-def stopped_by_signals(daemon: Daemon) -> Iterator[None]:
-    """Have SIGTERM and SIGINT ask the daemon to stop while inside."""
+def _serving(listener: socket.socket, daemon: Daemon, events: RecentEvents) -> AbstractContextManager[None]:
+    # A descriptor of its own, which the server closes: whoever connects during a reload waits for the next daemon.
+    return serving(listener.dup(), Operator(daemon, events), daemon.request_stop)
 
+
+class Stoppable(Protocol):
+    """What can be asked to stop."""
+
+    def request_stop(self) -> None:
+        """Ask, from a signal handler too."""
+        ...
+
+
+def stopped_by_signals(running: Stoppable) -> AbstractContextManager[None]:
+    """Have SIGTERM and SIGINT ask for a stop while inside."""
+    return _handling((signal.SIGTERM, signal.SIGINT), running.request_stop)
+
+
+def reloaded_by_signals(run: Run) -> AbstractContextManager[None]:
+    """Have SIGHUP ask for a reload while inside."""
+    return _handling((signal.SIGHUP,), run.request_reload)
+
+
+@contextmanager
+def _handling(numbers: Sequence[signal.Signals], request: Callable[[], None]) -> Iterator[None]:
     def ask(number: int, frame: FrameType | None) -> None:
         del number, frame
-        daemon.request_stop()
+        request()
 
-    before = {number: signal.signal(number, ask) for number in (signal.SIGTERM, signal.SIGINT)}
+    before = {number: signal.signal(number, ask) for number in numbers}
     try:
         yield
     finally:
@@ -70,8 +91,10 @@ def stopped_by_signals(daemon: Daemon) -> Iterator[None]:
 
 
 def log_to_stderr(level: int = logging.INFO) -> None:
-    """Send the log to standard error: rich for people, plain lines for the journal."""
-    if people.is_terminal:
+    """Send the log to standard error, or to the journal where that is behind it, with fields to ask for."""
+    if journal_behind(2):
+        logging.basicConfig(level=level, format="%(message)s", handlers=[JournalHandler()])
+    elif people.is_terminal:
         handler: logging.Handler = RichHandler(console=people, show_path=False)
         logging.basicConfig(level=level, format="%(message)s", datefmt="[%X]", handlers=[handler])
     else:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 
 from camrig.clock import Clock, RealClock
 from camrig.config.rig_file import RigConfig
-from camrig.errors import HardwareError
+from camrig.errors import CamrigError, HardwareError
 from camrig.interfaces import Sink
-from camrig.messages import HeadAim, LinkReport
+from camrig.messages import FlightState, HeadAim, LinkReport
 from camrig.pipeline import Settings
 from camrig.runtime.build import make_detector, make_devices, make_sinks
 from camrig.runtime.control import TICK_S, Control, Devices
@@ -38,7 +38,8 @@ SUPERVISE_S = 0.2
 class Daemon:
     """One rig at work: ``start``, ``supervise`` until it returns, then ``stop``, which is also the way out of errors.
 
-    ``extra_sinks`` receive everything that is published.
+    ``extra_sinks`` receive everything that is published. ``held`` heads stay still until ``resume``, whatever the
+    configuration says.
     """
 
     config: RigConfig
@@ -46,12 +47,20 @@ class Daemon:
     extra_sinks: Sequence[Sink] = ()
     clock: Clock = field(default_factory=RealClock)
     notifier: Notifier = field(default_factory=Notifier)
+    held: frozenset[str] = frozenset()
+    remark: str = ""
+    """Stands at the end of the status line."""
+    successor: RigConfig | None = None
+    """The configuration that another daemon is to run once this one has stopped: a reload."""
     control: Control = field(init=False)
     devices: Devices = field(init=False)
     _guardian: GuardianLink = field(init=False)
     _workers: list[Worker] = field(default_factory=list)
     _stopping: threading.Event = field(default_factory=threading.Event)
     _asked_to_stop: bool = False
+    _asked_to_reload: bool = False
+    _ready: bool = False
+    _stopped: bool = False
     _control_failure: BaseException | None = None
     _open: ExitStack = field(default_factory=ExitStack)
 
@@ -67,7 +76,7 @@ class Daemon:
         self._guardian = GuardianLink()
         self._open.callback(self._guardian.close)
         self.devices = self._build(self._guardian)
-        planner = PlannerLink(self.config.rig, self.settings.planner)
+        planner = PlannerLink(self.config.rig, self.settings.planner, self.clock)
         self._open.callback(planner.close)
         sinks = [*make_sinks(self.config), *self.extra_sinks]
         for sink in sinks:
@@ -82,10 +91,14 @@ class Daemon:
             worker.start()
         control.start()
         self._open.callback(control.join, JOIN_S)
+        self._ready = True
         self.notifier.ready()
 
-    def supervise(self, until_s: float = float("inf")) -> None:
+    def supervise(self, until_s: float = float("inf"), reload: Callable[[], RigConfig] | None = None) -> None:
         """Block until a stop is requested, every camera's recording has ended, a worker failed, or ``until_s``.
+
+        A reload that is requested calls ``reload``, for the configuration that is to follow this one; where that
+        raises a CamrigError, this one goes on.
 
         Raises the CamrigError of a device that is not what was configured, and HardwareError once the guardian is
         gone; any other failure is re-raised as it is.
@@ -96,6 +109,8 @@ class Daemon:
             if self._beating():
                 self.notifier.alive()
             self.notifier.status(self.status_line())
+            if self._asked_to_reload and reload is not None and self._succeeded(reload):
+                break
             cameras = [worker for worker in self._workers if worker.job.name in self.devices.cameras]
             if cameras and all(worker.ended for worker in cameras):
                 self._stopping.wait(FLUSH_S)  # let the last detections pass through the pipeline
@@ -104,6 +119,30 @@ class Daemon:
             if failure is not None:
                 raise failure
 
+    def _succeeded(self, reload: Callable[[], RigConfig]) -> bool:
+        """Ask for the configuration that is to follow; tell whether there is one."""
+        self._asked_to_reload = False
+        self.notifier.reloading()
+        try:
+            self.successor = reload()
+        except CamrigError as error:
+            log.error("reload refused, the rig runs on as it was: %s", error)  # noqa: TRY400 - a sentence, no bug
+            self.remark = f"reload refused: {' '.join(str(error).split())}"
+            self.notifier.status(self.status_line())
+            self.notifier.ready()
+            return False
+        log.info("reload: the heads are stopped and the new configuration is started")
+        return True
+
+    def request_reload(self) -> None:
+        """Ask ``supervise`` for a reload; any thread, and signal handlers."""
+        self._asked_to_reload = True
+
+    @property
+    def reload_requested(self) -> bool:
+        """Whether a reload was asked for that nobody has begun."""
+        return self._asked_to_reload
+
     def request_stop(self) -> None:
         """Ask ``supervise`` to return; any thread, and signal handlers."""
         self._asked_to_stop = True  # a handler must take no lock: the thread that it interrupts may hold it
@@ -111,10 +150,17 @@ class Daemon:
     def stop(self) -> None:
         """Bring the rig to rest: motion first, then threads, processes and outputs; twice is allowed.
 
-        A drone that is landing goes on landing: held, it would hover with nobody left to bring it down.
+        A drone that is landing goes on landing: held, it would hover with nobody left to bring it down. ``held``
+        then has the heads that were waiting for an operator's ``resume``.
         """
+        if not self._stopped:
+            self.held = frozenset(job.name for job in self._actuators() if isinstance(job, HeadJob) and job.held)
+        self._stopped = True
         self._halt([job for job in self._actuators() if not job.landing])
-        self.notifier.stopping()
+        if self._ready and self.successor is None:
+            self.notifier.stopping()
+        elif self._ready:
+            self.notifier.alive()
         self._stopping.set()
         for worker in self._workers:
             worker.request_stop()
@@ -186,6 +232,13 @@ class Daemon:
         return {name: {**losses.get(name, {}), **job.statistics()} for name, job in jobs.items()}
 
     @property
+    def airborne(self) -> tuple[str, ...]:
+        """The drones that are not known to stand on the ground, of those that are reached; any thread, once started."""
+        flight = self.control.state.flight
+        resting = (FlightState.GROUND, FlightState.UNKNOWN)
+        return tuple(name for name in self.devices.drones if flight.get(name, FlightState.UNKNOWN) not in resting)
+
+    @property
     def stop_requested(self) -> bool:
         """Whether somebody or something asked the daemon to end."""
         return self._asked_to_stop or self._stopping.is_set()
@@ -197,7 +250,9 @@ class Daemon:
         lost = sorted(name for name, status in self.control.link_states.items() if status.value == "lost")
         phase = "scanning" if self.control.state.mission.scanning else "tracking"
         text = f"{phase}: {tracked} of {len(self.config.rig.targets)} targets"
-        return f"{text}; lost: {', '.join(lost)}" if lost else text
+        return "; ".join(
+            (text, *([f"lost: {', '.join(lost)}"] if lost else []), *([self.remark] if self.remark else []))
+        )
 
     def _beating(self) -> bool:
         """Tell whether every thread that is still at work has done a turn lately."""
@@ -222,7 +277,7 @@ class Daemon:
                 for name, camera in make_devices(config, "cameras").items()
             },
             heads={
-                name: HeadJob(name, head, guardian, config.rig.heads[name].auto_enable)
+                name: HeadJob(name, head, guardian, config.rig.heads[name].auto_enable and name not in self.held)
                 for name, head in make_devices(config, "heads").items()
             },
             drones={name: DroneJob(name, drone, clock) for name, drone in make_devices(config, "drones").items()},

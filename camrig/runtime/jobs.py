@@ -126,6 +126,10 @@ class HeadJob:
         """Whether plans may move the head now."""
         return self.enabled and self._order is None
 
+    def held(self) -> bool:
+        """Whether the head waits for ``resume``: it was stopped, or never enabled."""
+        return not self._wanted.is_set()
+
     def open(self) -> None:
         self.commands.clear()  # nothing commanded before a link was lost is replayed
         if (order := self._order) is not None:

@@ -51,7 +51,11 @@ def _until_asked(connection: Connection) -> Callable[[], float]:
 
 
 if __name__ == "__main__":
-    for ignored in (signal.SIGINT, signal.SIGTERM):  # sent to the whole service; the daemon says when it is over
+    for ignored in (
+        signal.SIGINT,
+        signal.SIGTERM,
+        signal.SIGHUP,
+    ):  # sent to the whole service; the daemon says when it is over
         signal.signal(ignored, signal.SIG_IGN)
     os.nice(_NICE)
     serve(Connection(int(sys.argv[1])))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -33,6 +34,7 @@ targets:
 STOP = bytes.fromhex("ff010000000001")
 QUERIES, SET_PAN = (0x51, 0x53), 0x4B
 EXIT_S = 3.0
+READY_S = 5.0
 SLOW = PelcoDHeadSettings(id="pt1", start_pan_deg=170.0, max_speed_deg_s=15.0)
 """It is under way for seconds: a stop that did not come would show."""
 
@@ -83,3 +85,42 @@ def test_a_signal_brings_the_rig_to_rest(
     time.sleep(0.3)
     now_s = time.monotonic()
     assert line.true_angles_rad("pt1", now_s) == line.true_angles_rad("pt1", now_s - 0.1)
+
+
+def test_the_service_is_ready_within_five_seconds_and_a_reload_stops_its_heads(
+    pelco_d_emulator: Callable[..., PelcoDLine], tmp_path: Path
+) -> None:
+    line = pelco_d_emulator(SLOW)
+    config = tmp_path / "rig.yaml"
+    config.write_text(RIG.format(port=line.port))
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        systemd.settimeout(30.0)
+        environment = {"XDG_RUNTIME_DIR": str(tmp_path), "NOTIFY_SOCKET": str(tmp_path / "notify")}
+        began_s = time.monotonic()
+        daemon = subprocess.Popen(
+            [sys.executable, "-m", "camrig", "run", str(config)], env={**os.environ, **environment}
+        )
+        try:
+            _told(systemd, b"READY=1")
+            ready_s = time.monotonic() - began_s
+            print(f"ready after {ready_s:.2f} s")
+            assert ready_s < READY_S
+            until(lambda: any(frame[3] == SET_PAN for frame in motions(line)), 30.0)
+            before = len(motions(line))
+            daemon.send_signal(signal.SIGHUP)
+            _told(systemd, b"RELOADING=1")
+            _told(systemd, b"READY=1")
+            assert STOP in motions(line)[before:]
+            daemon.send_signal(signal.SIGTERM)
+            _told(systemd, b"STOPPING=1")
+            assert daemon.wait(30.0) == 0
+        finally:
+            daemon.kill()
+            daemon.wait()
+    assert motions(line)[-1] == STOP
+
+
+def _told(systemd: socket.socket, message: bytes) -> None:
+    while not systemd.recv(4096).startswith(message):
+        pass
