@@ -32,8 +32,9 @@ _COMMANDS = (
     "arm",
     "land",
     "scan",
+    "install-service",
 )
-"""Each is a module of this package with a function of the same name, or with a program of commands of its own."""
+"""Each is a module of this package (- is _) with a function of its name, or with a program of commands of its own."""
 
 
 def build(commands: Sequence[str] = _COMMANDS) -> typer.Typer:
@@ -48,12 +49,16 @@ def build(commands: Sequence[str] = _COMMANDS) -> typer.Typer:
     )
     app.callback()(_no_command)  # a program of one command would otherwise not be asked for it by name
     for name in commands:
-        command = getattr(import_module(f"camrig.cli.{name}"), name)
+        command = getattr(import_module(f"camrig.cli.{_module(name)}"), _module(name))
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=name)
         else:
             app.command(name)(command)
     return app
+
+
+def _module(command: str) -> str:
+    return command.replace("-", "_")
 
 
 def _print_version(asked: bool) -> None:
