@@ -22,7 +22,8 @@ if os.environ.get("CI"):
 
 _GRACE_S = 2.0
 
-_KERNELS = ("geometry", "sensing", "optimise/kernels")
+KERNELS = ("geometry", "sensing", "optimise/kernels")
+"""The folders of the package that hold compiled functions."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -34,7 +35,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
         return
     package = Path(camrig.__file__).parent
-    newest = max(source.stat().st_mtime for part in _KERNELS for source in (package / part).rglob("*.py"))
+    newest = max(source.stat().st_mtime for part in KERNELS for source in (package / part).rglob("*.py"))
     for kept in package.rglob("__pycache__/*.nb?"):
         if kept.stat().st_mtime < newest:
             kept.unlink(missing_ok=True)
