@@ -151,10 +151,11 @@ class Daemon:
         """Bring the rig to rest: motion first, then threads, processes and outputs; twice is allowed.
 
         A drone that is landing goes on landing: held, it would hover with nobody left to bring it down. ``held``
-        then has the heads that were waiting for an operator's ``resume``.
+        then has the heads that were waiting for an operator's ``resume``, where they were or where they were aimed.
         """
         if not self._stopped:
-            self.held = frozenset(job.name for job in self._actuators() if isinstance(job, HeadJob) and job.held)
+            heads = [job for job in self._actuators() if isinstance(job, HeadJob)]
+            self.held = frozenset(job.name for job in heads if job.held or job.aimed is not None)
         self._stopped = True
         self._halt([job for job in self._actuators() if not job.landing])
         if self._ready and self.successor is None:

@@ -126,6 +126,7 @@ class HeadJob:
         """Whether plans may move the head now."""
         return self.enabled and self._order is None
 
+    @property
     def held(self) -> bool:
         """Whether the head waits for ``resume``: it was stopped, or never enabled."""
         return not self._wanted.is_set()

@@ -98,7 +98,7 @@ def link(daemon: Daemon) -> LinkReport:
 
 
 def frames_come(daemon: Daemon) -> bool:
-    return daemon.view().frames["north"] > 0
+    return daemon.view().delivered["north"] > 0
 
 
 def is_up(daemon: Daemon, camera: str = "north") -> None:
