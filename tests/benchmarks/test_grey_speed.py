@@ -65,7 +65,7 @@ def test_a_grey_picture_costs_at_most_half_more_than_a_copy_of_its_luma(
     ratio = paired_ratio(ours, other, swept=True)
     benchmark.extra_info.update(ratio=ratio, ratio_within_the_cache=paired_ratio(ours, other, swept=False))
     benchmark(layout.copy, lumas[0], image)
-    assert ratio <= 1.5
+    assert benchmark.disabled or ratio <= 1.5
 
 
 def test_a_jpeg_costs_no_more_than_opencvs_decoding_to_grey(benchmark: BenchmarkFixture) -> None:
@@ -83,4 +83,4 @@ def test_a_jpeg_costs_no_more_than_opencvs_decoding_to_grey(benchmark: Benchmark
     )
     benchmark.extra_info["ratio"] = ratio
     benchmark(decode_jpeg, buffers[0], len(data), SIZE_PX)
-    assert ratio <= 1.03, "no slower, but for the clock's noise"
+    assert benchmark.disabled or ratio <= 1.03, "no slower, but for the clock's noise"
