@@ -30,7 +30,7 @@ _CALIBRATION = 0.5
 """Of the variance of what happens unseen, measured on random moves: motors vary less than all that may happen."""
 _STEPS_BY, _STEP_MOST_RAD = 0.5, math.radians(0.6)
 """How probable it is that a short way from rest was a step, begun and ended, and how long such steps are."""
-_STEP_RAD = math.radians(0.01)
+_LEAST_NOISE_RAD = math.radians(0.01) / math.sqrt(12.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,9 +167,13 @@ def _between(before: AxisReading, after: AxisReading) -> _Interval:
     turn_rad = wrap_angle(after.angle_rad - before.angle_rad)
     lasts_s = after.stamp_s - before.stamp_s
     rate_rad_s = turn_rad / lasts_s
-    step = _STEP_RAD**2 / 12.0 if turn_rad else 1e-14  # readings of a resting axis are rounded alike
-    noise = [(rate_rad_s * reading.stamp_sigma_s) ** 2 + step for reading in (before, after)]
+    noise = [(rate_rad_s * reading.stamp_sigma_s) ** 2 + _own_noise(reading, turn_rad) for reading in (before, after)]
     return _Interval(turn_rad, lasts_s, noise[0], noise[1])
+
+
+def _own_noise(reading: AxisReading, turn_rad: float) -> float:
+    """Return the variance of what makes a reading differ from its neighbour: at rest both are rounded alike."""
+    return max(reading.noise_rad, _LEAST_NOISE_RAD) ** 2 if turn_rad else 1e-14
 
 
 def _late(share: float, low: float, high: float) -> tuple[float, float]:

@@ -81,6 +81,10 @@ class AxisReading:
     stamp_s: float
     sigma_rad: float
     stamp_sigma_s: float
+    noise_rad: float = 0.0
+    """The part of ``sigma_rad`` that is another for each reading of a moving axis: rounding and noise. One at rest is
+    rounded alike each time; the rest of ``sigma_rad`` (a zero, the play) all readings share.
+    """
 
 
 class FlightState(StrEnum):

@@ -79,6 +79,7 @@ class ReadBack:
             stamp_s=answer.stamp_s,
             sigma_rad=scale.sigma_rad(unknown_rad),
             stamp_sigma_s=answer.half_window_s / math.sqrt(3.0),  # uniform over the window
+            noise_rad=scale.sigma_rad(0.0),
         )
         return [reading] if believed else []
 

@@ -40,9 +40,13 @@ class AxisScale:
     @property
     def sigma_rad(self) -> float:
         """One sigma of a report: its last digit and the play are uniform, so their width over sqrt(12) counts."""
+        return math.hypot(self.noise_rad, math.radians(self.section.backlash_deg) / math.sqrt(12.0))
+
+    @property
+    def noise_rad(self) -> float:
+        """One sigma of what of that is another for each report: all but the play."""
         digit_deg = self.section.deg_per_count / math.sqrt(12.0)
-        play_deg = self.section.backlash_deg / math.sqrt(12.0)
-        return math.radians(math.hypot(digit_deg, play_deg, self.readback_sigma_deg))
+        return math.radians(math.hypot(digit_deg, self.readback_sigma_deg))
 
     def _counts(self, angle_rad: float) -> float:
         return (math.degrees(angle_rad) - self.section.offset_deg) / (self.section.sign * self.section.deg_per_count)

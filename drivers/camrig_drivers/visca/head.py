@@ -162,6 +162,7 @@ class ViscaHead:
                 stamp_s=answer.stamp_s,
                 sigma_rad=scale.sigma_rad,
                 stamp_sigma_s=answer.half_window_s / math.sqrt(3.0),  # uniform over the window
+                noise_rad=scale.noise_rad,
             )
             for scale, angle_rad in zip((self._pan, self._tilt), found, strict=True)
         )
