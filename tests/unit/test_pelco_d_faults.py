@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from camrig.errors import LinkLost
 from tests.simulated_line import Service, SimulatedHeads
 
 AIM = (100.0, -60.0)
@@ -28,6 +29,8 @@ class Case:
     unknown: tuple[float, float] | None = None
     """From when to when, in seconds, there is no reading."""
     arrives: bool = True
+    strays_deg: float | None = None
+    """How far from where it began the head may be at the end."""
     off_deg: float = 0.02
     """How far a reading may be off, beyond three sigmas."""
 
@@ -68,6 +71,7 @@ CASES = {
         keys={"grade": "velocity", "axes": {"pan": {**SPEEDS, "drive_sign": 1}, "tilt": SPEEDS}},
         lost="the wrong way",
         arrives=False,
+        strays_deg=40.0,  # at 40 deg/s, turned for a second and never again
     ),
     "a_motor_that_does_not_turn": Case(
         settings={"dead_bytes": 62, "speed_curve": "bell"},
@@ -102,9 +106,28 @@ def test_the_pose_is_true_or_unknown_and_the_head_comes_back(name: str) -> None:
     if case.arrives:
         assert service.readings[-1].stamp_s > begun_s + LASTS_S - 1.0
         assert rig.truth_deg() == pytest.approx(AIM, abs=0.11)
+    if case.strays_deg is not None:
+        assert max(map(abs, rig.truth_deg())) <= case.strays_deg
     rig.settle()
     motions = rig.motions()
     assert motions[-1] == "stop"
+
+
+def test_a_runaway_head_whose_stop_was_lost_is_stopped_once_its_line_is_back_and_no_more() -> None:
+    rig = SimulatedHeads(keys=CASES["a_wrong_sign"].keys)
+    rig.head.open()
+    rig.head.enable()
+    rig.move(*AIM)
+    with pytest.raises(LinkLost, match="the wrong way"):
+        rig.poll(5.0)
+    rig.line.faults.unplug()
+    rig.head.close()
+    rig.line.faults.replug()
+    assert rig.motions()[-1] != "stop"
+    with pytest.raises(LinkLost, match="stays stopped until the rig is started or reloaded"):
+        rig.head.open()
+    rig.settle()
+    assert rig.motions()[-1] == "stop"
 
 
 @pytest.mark.parametrize("settings", [{"head_baud": 4800}, {"head_address": 9}])

@@ -136,6 +136,42 @@ def test_an_open_loop_head_is_unknown_until_it_has_zeroed_itself() -> None:
     assert rig.worst_error_deg(readings) <= 0.0
 
 
+def test_a_stop_on_its_way_leaves_it_where_it_is_reckoned_to_be() -> None:
+    rig = opened("open_loop", **by_preset())
+    rig.move(0.0, 0.0)
+    rig.poll(7.0)
+    rig.move(150.0, -20.0)
+    rig.poll(1.0)
+    rig.head.stop()
+    rig.time.sleep_s(0.5)
+    rig.head.stop()
+    readings = rig.poll(6.0)
+    assert rig.worst_error_deg(readings) <= 0.0
+    rig.head.enable()
+    rig.move(-160.0, -20.0)
+    readings = rig.poll(12.0)
+    assert rig.worst_error_deg(readings) <= 0.0
+    assert rig.truth_deg()[0] == pytest.approx(-160.0, abs=2.0)
+
+
+def test_a_stop_on_its_way_to_the_preset_leaves_it_unknown() -> None:
+    rig = opened("open_loop", **by_preset())
+    rig.move(120.0, -20.0)
+    rig.poll(12.0)
+    rig.head.close()
+    rig.head.open()
+    rig.head.enable()
+    rig.move(10.0, -10.0)
+    rig.poll(0.8)
+    rig.head.stop()
+    assert rig.poll(8.0) == []
+    rig.head.enable()
+    rig.move(10.0, -10.0)
+    assert rig.poll(5.9) == []
+    rig.poll(5.0)
+    assert rig.truth_deg() == pytest.approx((10.0, -10.0), abs=0.2)
+
+
 def test_its_sigma_grows_with_its_way_and_a_preset_makes_it_small_again() -> None:
     rig = opened("open_loop", speed_drift=0.02, seed=5, **by_preset())
     sigmas_deg = []

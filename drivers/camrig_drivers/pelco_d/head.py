@@ -19,7 +19,7 @@ from camrig_drivers.pelco_d.commands import STOP, lens_settings, query_position
 from camrig_drivers.pelco_d.open_loop import OpenLoop
 from camrig_drivers.pelco_d.readback import ReadBack
 from camrig_drivers.pelco_d.section import Grade, PelcoDSection
-from camrig_drivers.pelco_d.steering import Parts, Pointing, Wire
+from camrig_drivers.pelco_d.steering import Parts, Pointing, RunawayError, Wire
 from camrig_drivers.pelco_d.timing import Answer, Miss
 from camrig_drivers.pelco_d.watch import Watch
 
@@ -51,6 +51,10 @@ class PelcoDHead:
         self._unstopped = False
         """Whether a motion may have been sent since the last stop that was written."""
         self._misses = 0
+        self._runaway = ""
+        """Why it is not opened again: it went where it was not sent."""
+        self._stopped_s: float | None = None
+        """When a stop came that the pointing has not been told of."""
 
     def open(self) -> None:
         """Open the line and ask for both axes; moves nothing. A head that a lost link may have left moving is stopped
@@ -63,6 +67,7 @@ class PelcoDHead:
         try:
             if self._unstopped:
                 self._stop(link)
+            self._refuse_runaway()
             if isinstance(self._pointing, ReadBack):
                 for axis in self._axes:
                     self._pointing.begin(axis, self._first_answer(link, axis))
@@ -75,7 +80,10 @@ class PelcoDHead:
 
     def enable(self) -> None:
         link = self._opened()
-        self._pointing.forget()
+        if self._permit is link.permit:  # it may be on its way
+            return
+        self._note_stop()
+        self._pointing.forget(self._clock.now_s())
         self._permit = link.permit
         for command in lens_settings(self._section.camera, self._section.dialect):
             link.move(command, self._permit)
@@ -88,16 +96,22 @@ class PelcoDHead:
 
     def read(self, timeout_s: float) -> tuple[AxisReading, ...]:
         link = self._opened()
+        self._note_stop()
         try:
             return self._pointing.turn(self._wire(link, self._permit), timeout_s)
         except NotEnabledError:  # stopped by another thread while something was still to be sent
-            self._pointing.forget()
+            self._note_stop()
             return ()
+        except RunawayError as error:
+            self._runaway = str(error)
+            raise
 
     def stop(self) -> None:
         self._permit = None
         if (link := self._link) is not None:
             self._stop(link)
+        if self._stopped_s is None:  # of several, the first has ended the motion
+            self._stopped_s = self._clock.now_s()
 
     def guard(self) -> Guard:
         return Guard(self._opened().port.fd, encode(self._section.address, STOP) * _GUARD_STOPS)
@@ -144,6 +158,16 @@ class PelcoDHead:
                 raise NotEnabledError(f"head {self._spec.id} was stopped before all of its motion was sent")
 
         return Wire(link.ask, send, self._missed, self._heard)
+
+    def _refuse_runaway(self) -> None:
+        if self._runaway:
+            raise LinkLost(f"{self._runaway}; it stays stopped until the rig is started or reloaded")
+
+    def _note_stop(self) -> None:
+        """Tell the pointing of a stop that came since; by the worker alone."""
+        stopped_s, self._stopped_s = self._stopped_s, None
+        if stopped_s is not None:
+            self._pointing.forget(stopped_s)
 
     def _stop(self, link: Link) -> None:
         with suppress(LinkLost):

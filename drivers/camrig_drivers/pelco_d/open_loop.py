@@ -86,9 +86,9 @@ class OpenLoop:
             self._drive({}, wire)
         return self._readings(clock.now_s())
 
-    def forget(self) -> None:
-        """Whatever moved has been stopped by now."""
-        now_s = self.parts.clock.now_s() + self.parts.frame_s
+    def forget(self, at_s: float) -> None:
+        """Whatever moved was stopped at ``at_s``."""
+        now_s = at_s + self.parts.frame_s
         if self._zeroed_s is not None:  # interrupted on its way to where it would have been known
             self._zeroed_s = None
             self._lose()

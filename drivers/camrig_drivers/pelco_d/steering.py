@@ -20,6 +20,10 @@ class DisobeyedError(LinkLost):
     """The head answers and does not do what it is told; its link is given up, so that a person hears of it."""
 
 
+class RunawayError(DisobeyedError):
+    """The head goes elsewhere than it is driven: it must not be driven again."""
+
+
 @dataclass(frozen=True, slots=True)
 class Wire:
     """One enabled head's line: questions, and motions that raise NotEnabledError once a stop has come."""
@@ -59,8 +63,8 @@ class Pointing(Protocol):
         """Do one round of work and return what is newly known of the head's angles."""
         ...
 
-    def forget(self) -> None:
-        """Head nowhere: a stop has come, or the link was opened anew."""
+    def forget(self, at_s: float) -> None:
+        """Head nowhere from ``at_s`` on: a stop has come, or the link was opened anew."""
         ...
 
 

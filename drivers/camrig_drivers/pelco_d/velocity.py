@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from camrig_drivers.pelco_d.axis import SpeedTable
 from camrig_drivers.pelco_d.codec import Axis
 from camrig_drivers.pelco_d.commands import STOP, drive
-from camrig_drivers.pelco_d.steering import DisobeyedError, Parts, Wire
+from camrig_drivers.pelco_d.steering import DisobeyedError, Parts, RunawayError, Wire
 
 _ROUNDS_TO_TARGET = 1.4
 _ROUND_GAIN = 0.25
@@ -189,7 +189,7 @@ class VelocityPointing:
         driven_there = loop.byte * error_rad > 0.0 and now_s - loop.turned_s > _TURNS_BY_S
         where = f"head {self.parts.name} at address {self.parts.section.address} on {self.parts.section.port}"
         if driven_there and off_rad > loop.nearest_rad + _AWAY_RAD:
-            raise DisobeyedError(
+            raise RunawayError(
                 f"{where} turns its {axis.name.lower()} the wrong way; check the axis's sign and drive_sign"
             )
         if abs(loop.motor_rad - loop.from_rad) > _MOVED_RAD:
