@@ -183,8 +183,37 @@ def test_one_that_comes_back_is_not_sent_to_where_it_was_going() -> None:
     bench.kernel.bank.come_back_at_home()
     bench.kernel.replug()
     bench.head.open()
-    assert bench.kernel.bank.orders == ["move", "move", "stop", "stop"]
+    assert bench.kernel.bank.orders == ["move", "move"]
     assert bench.kernel.angles_rad() == (0.0, 0.0)
+    bench.head.close()
+
+
+def test_one_that_kept_its_power_is_stopped_where_it_is() -> None:
+    bench = Bench().enabled()
+    bench.head.move_to(*AIM)
+    bench.poll(0.4)
+    bench.kernel.unplug()
+    with pytest.raises(LinkLost):
+        bench.head.read(0.1)
+    bench.head.close()
+    bench.kernel.replug()
+    bench.head.open()
+    here_rad = bench.kernel.angles_rad()
+    bench.clock.sleep_s(5.0)
+    assert bench.kernel.angles_rad() == pytest.approx(here_rad, abs=math.radians(5.0))
+    assert here_rad != pytest.approx(AIM, abs=math.radians(15.0))
+    bench.head.close()
+
+
+@pytest.mark.parametrize("reports", ["target", "position"])
+def test_a_stop_moves_nothing_not_even_into_the_limits(reports: str) -> None:
+    spec = HeadSpec("pt1", SPEC.kinematics, (math.radians(20.0), math.radians(60.0)), SPEC.tilt_limits_rad, 1.0)
+    bench = Bench(reports=reports, spec=spec)
+    bench.head.open()
+    bench.head.stop()
+    bench.clock.sleep_s(5.0)
+    assert bench.kernel.angles_rad() == (0.0, 0.0)
+    assert "move" not in bench.kernel.bank.orders
     bench.head.close()
 
 

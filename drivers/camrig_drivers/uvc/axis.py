@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -36,9 +37,21 @@ class Axis:
         lowest, highest = math.ceil(ends[0] - 1e-6), math.floor(ends[1] + 1e-6)
         return self.control.minimum + self._step * min(max(round(self._steps(angle_rad)), lowest), highest)
 
+    def nearest(self, angle_rad: float) -> int:
+        """Return the control's value nearest to where the axis is: beyond a limit only if the axis is."""
+        with suppress(InputError):
+            return self.value(angle_rad)
+        last = (self.control.maximum - self.control.minimum) // self._step
+        return self.control.minimum + self._step * min(max(round(self._steps(angle_rad)), 0), last)
+
     def angle_rad(self, value: int) -> float:
         """Return the angle of a value."""
         return math.radians(self.section.sign * value / _ARC_SECONDS + self.section.offset_deg)
+
+    @property
+    def step_rad(self) -> float:
+        """The angle from one value to the next."""
+        return math.radians(self._step / _ARC_SECONDS)
 
     @property
     def sigma_rad(self) -> float:
@@ -49,7 +62,7 @@ class Axis:
 
     def check_limits(self, label: str) -> None:
         """Raise HardwareError where the rig's limits reach beyond what the device can do."""
-        slack_rad = math.radians(self._step / _ARC_SECONDS)
+        slack_rad = self.step_rad
         ends = sorted(map(self.angle_rad, (self.control.minimum, self.control.maximum)))
         if self.limits_rad[0] < ends[0] - slack_rad or self.limits_rad[1] > ends[1] + slack_rad:
             can, asked = (f"{math.degrees(low):g} to {math.degrees(high):g}" for low, high in (ends, self.limits_rad))

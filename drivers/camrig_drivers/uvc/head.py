@@ -20,7 +20,6 @@ from camrig.errors import InputError, LinkLost, NotEnabledError
 from camrig.interfaces import Guard
 from camrig.messages import AxisReading
 from camrig.rig import HeadSpec
-from camrig_drivers.uvc.axis import Axis
 from camrig_drivers.uvc.device import Angles, Device, open_device
 from camrig_drivers.uvc.section import UvcSection
 from camrig_drivers.v4l2.port import IoctlPort
@@ -83,8 +82,10 @@ class UvcHead:
             device = open_device(self._port, self._label, self._spec, self._section)
         try:
             with self._explained():
-                device.angles_rad()
-            self._move, self._misses = None, 0  # whatever it was on its way to, it may have been without power since
+                held_rad = device.angles_rad()
+            self._misses = 0
+            if not self._goes_on(device, held_rad):
+                self._move = None
             if self._unstopped:
                 self._stop(device)
         except BaseException:
@@ -165,11 +166,10 @@ class UvcHead:
             if device is not self._device and self._device is not None:
                 return
             device.halt()
-            here_rad = self._where(device)
-            inside = (self._inside(axis, angle_rad) for axis, angle_rad in zip(device.axes, here_rad, strict=True))
-            pan_rad, tilt_rad = inside
-            device.send((device.pan.value(pan_rad), device.tilt.value(tilt_rad)))
-            self._move = _Move(here_rad, (pan_rad, tilt_rad), self._clock.now_s())
+            if self._section.reports == "position" or self._on_its_way(self._clock.now_s()):
+                here_rad = self._where(device)  # a stop must not move it, not even into its limits
+                device.send((device.pan.nearest(here_rad[0]), device.tilt.nearest(here_rad[1])))
+                self._move = _Move(here_rad, here_rad, self._clock.now_s())
             self._unstopped = False
 
     def _where(self, device: Device) -> Angles:
@@ -178,10 +178,13 @@ class UvcHead:
             return self._move.at(self._clock.now_s(), self._spec.speed_rad_s)
         return device.angles_rad()
 
-    @staticmethod
-    def _inside(axis: Axis, angle_rad: float) -> float:
-        low_rad, high_rad = axis.limits_rad
-        return min(max(angle_rad, low_rad), high_rad)
+    def _goes_on(self, device: Device, held_rad: Angles) -> bool:
+        """Tell whether a head that was lost on its way may still be on it: without power it would have forgotten."""
+        move = self._move
+        if move is None or not self._on_its_way(self._clock.now_s()):
+            return False
+        both = zip(device.axes, held_rad, move.target_rad, strict=True)
+        return all(abs(held - target) <= axis.step_rad for axis, held, target in both)
 
     def _on_its_way(self, now_s: float) -> bool:
         move = self._move
