@@ -40,6 +40,8 @@ class SteppedTransport:
     fd = -1
 
     def __init__(self, emulated: ViscaLine, clock: SteppedClock, baud: int) -> None:
+        self.cut = False
+        """Whether the cable is cut: what is sent is lost."""
         self.wire: list[tuple[float, bytes]] = []
         """What was sent, and when its first bit left."""
         self._emulated = emulated
@@ -50,7 +52,8 @@ class SteppedTransport:
 
     def send(self, message: bytes) -> Sent:
         self.wire.append((self._clock.now_s(), message))
-        self._emulated.receive(message, self._clock.now_s(), self._baud)
+        if not self.cut:
+            self._emulated.receive(message, self._clock.now_s(), self._baud)
         return Sent(self._clock.now_s() + len(message) * 10.0 / self._baud)
 
     def receive(self, timeout_s: float) -> list[Heard]:
@@ -83,14 +86,20 @@ class ViscaBench:
     """One driver and its emulated head."""
 
     def __init__(
-        self, *, seed: int = 0, baud: int = 9600, readback_sigma_deg: float = 0.02, **emulated: object
+        self,
+        *,
+        seed: int = 0,
+        baud: int = 9600,
+        readback_sigma_deg: float = 0.02,
+        zoom: int | None = None,
+        **emulated: object,
     ) -> None:
         self.clock = SteppedClock()
         settings = ViscaHeadSettings.model_validate({"id": "pt1", "baud": baud, **emulated})
         self.line = ViscaLine([settings], clock=self.clock, seed=seed)
         self.transport = SteppedTransport(self.line, self.clock, baud)
         section = ViscaSection.model_validate(
-            {"port": "/dev/none", "baud": baud, "axes": AXES, "readback_sigma_deg": readback_sigma_deg}
+            {"port": "/dev/none", "baud": baud, "axes": AXES, "readback_sigma_deg": readback_sigma_deg, "zoom": zoom}
         )
         line = Line(lambda: self.transport, self.clock, reply_timeout_s=0.2, gap_s=0.02)
         self.head = ViscaHead(SPEC, section, line, self.clock)

@@ -25,6 +25,7 @@ from camrig_emulators.visca_wire import (
     gathered,
     spread,
 )
+from camrig_emulators.visca_zoom import Zoom
 
 SOCKETS = (1, 2)
 LOOK_S = 1.0 / 60.0
@@ -103,7 +104,7 @@ class ViscaHead:
         self.faults = Faults()
         self.pan = Axis(settings.start_pan_deg, settings.pan_limits_deg, settings.axes.pan, settings)
         self.tilt = Axis(settings.start_tilt_deg, settings.tilt_limits_deg, settings.axes.tilt, settings)
-        self.zoom = 0
+        self.zoom = Zoom(settings.zoom_s)
         self._rng = rng
         self._running: list[Running] = []
         self._deaf_until_s = -math.inf
@@ -116,11 +117,12 @@ class ViscaHead:
 
     def next_s(self, now_s: float) -> float:
         """Return when ``settle`` should be called next."""
-        return now_s + LOOK_S if self._running else math.inf
+        return now_s + LOOK_S if self._running or self.zoom.socket else math.inf
 
     def settle(self, now_s: float) -> list[Answer]:
         """Return the completions of the motions that have ended by now, and begin what has waited for them."""
-        answers = []
+        zoomed = self.zoom.settle(now_s)
+        answers = [] if zoomed is None else [Answer(now_s, completion(self.address, zoomed))]
         while self._running and self._at_rest(now_s):
             done = [running for running in self._running if running.started_s is not None]
             answers += [Answer(now_s, completion(self.address, each.socket)) for each in done]
@@ -145,6 +147,7 @@ class ViscaHead:
             return [self._cancel(body[0] & 0x0F, at_s)]
         if body == b"\x01\x00\x01":  # clear the interface
             self._running.clear()
+            self.zoom.cancel(at_s)
             return [completion(self.address, 0)]
         if body[:1] == b"\x09":
             return [self._tell(body[1:], at_s, frozen)]
@@ -152,7 +155,7 @@ class ViscaHead:
             if body.startswith(prefix):
                 if self.settings.standby:
                     return [error(self.address, 1, NOT_EXECUTABLE)]
-                if len(self._running) == len(SOCKETS):
+                if not self._free_sockets:
                     return [error(self.address, 0, BUFFER_FULL)]
                 return obey(body[len(prefix) :], at_s)
         return [error(self.address, 0, WRONG_SYNTAX)]
@@ -203,12 +206,13 @@ class ViscaHead:
         self.tilt.go_to(0.0, at_s)
         return []
 
-    def _zoom_to(self, data: bytes, _: float) -> list[bytes]:
+    def _zoom_to(self, data: bytes, at_s: float) -> list[bytes]:
         value = gathered(data) if len(data) == 4 else None
         if value is None:
             return [error(self.address, 0, WRONG_SYNTAX)]
-        self.zoom = value
-        return self._done_at_once()
+        socket = min(self._free_sockets)
+        self.zoom.go_to(value, socket, at_s)
+        return [acknowledge(self.address, socket)] if self.settings.acknowledges else []
 
     def _counts(self, data: bytes) -> tuple[int, int] | None:
         pan_digits, tilt_digits = self.pan.map.digits, self.tilt.map.digits
@@ -218,7 +222,7 @@ class ViscaHead:
         return None if pan is None or tilt is None else (pan, tilt)
 
     def _move(self, pan_deg: float | None, tilt_deg: float | None, at_s: float) -> list[bytes]:
-        socket = min(set(SOCKETS) - {running.socket for running in self._running})
+        socket = min(self._free_sockets)
         busy = bool(self._running)
         if pan_deg is None or tilt_deg is None or (busy and self.settings.overtaking == "refuse"):
             return [error(self.address, socket, NOT_EXECUTABLE)]
@@ -235,7 +239,14 @@ class ViscaHead:
             beside_deg = self._rng.uniform(-1.0, 1.0) * self.settings.rest_error_deg
             axis.go_to(min(max(target_deg + beside_deg, low), high), at_s)
 
+    @property
+    def _free_sockets(self) -> set[int]:
+        return set(SOCKETS) - {running.socket for running in self._running} - {self.zoom.socket or 0}
+
     def _cancel(self, socket: int, at_s: float) -> bytes:
+        if socket and socket == self.zoom.socket:
+            self.zoom.cancel(at_s)
+            return error(self.address, socket, CANCELLED)
         found = [running for running in self._running if running.socket == socket]
         if not found:
             return error(self.address, socket, NO_SOCKET)
@@ -246,7 +257,7 @@ class ViscaHead:
         return error(self.address, socket, CANCELLED)
 
     def _done_at_once(self) -> list[bytes]:
-        socket = min(set(SOCKETS) - {running.socket for running in self._running})
+        socket = min(self._free_sockets)
         first = [acknowledge(self.address, socket)] if self.settings.acknowledges else []
         return [*first, completion(self.address, socket)]
 
@@ -268,7 +279,7 @@ class ViscaHead:
         if self.settings.standby:
             return error(self.address, 0, NOT_EXECUTABLE)
         if inquiry == b"\x04\x47":
-            return completion(self.address, 0, spread(self.zoom, 4))
+            return completion(self.address, 0, spread(self.zoom.at(asked_s), 4))
         return completion(self.address, 0, self._read(asked_s, frozen))
 
     def _read(self, asked_s: float, frozen: bool) -> bytes:

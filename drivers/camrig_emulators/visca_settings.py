@@ -81,6 +81,8 @@ class ViscaHeadSettings(BaseModel):
     """How angles stand on the wire."""
     standby: bool = False
     """In standby it answers error 41 to whatever concerns pan, tilt and zoom."""
+    zoom_s: NotNegative = 2.0
+    """What the lens takes from one end of its zoom to the other; the command holds a socket until then."""
     reset_s: NotNegative = 5.0
     """A reset leaves the head deaf for so long, then it goes home."""
 

@@ -126,6 +126,31 @@ def test_a_command_that_was_lost_is_said_again() -> None:
     assert bench.truth_rad() == pytest.approx(NEAR, abs=COUNT_RAD)
 
 
+@pytest.mark.parametrize("overtaking", ["replace", "queue"])
+def test_the_zoom_goes_on_while_the_head_moves_and_is_ended_by_a_stop(overtaking: str) -> None:
+    bench = enabled(zoom=0x4000, zoom_s=6.0, overtaking=overtaking)
+    for aim in (FAR, NEAR):
+        bench.head.move_to(*aim)
+        bench.poll(1.0)
+    assert zoom_of(bench) == pytest.approx(0x4000 * 2.1 / 6.0, rel=0.1)
+    bench.poll(8.0)
+    assert zoom_of(bench) == 0x4000
+    assert bench.truth_rad() == pytest.approx(NEAR, abs=COUNT_RAD)
+    bench = enabled(zoom=0x4000, zoom_s=6.0, overtaking=overtaking)
+    bench.head.move_to(*FAR)
+    bench.poll(1.0)
+    bench.head.stop()
+    bench.poll(1.0)
+    stopped_at = zoom_of(bench)
+    bench.poll(3.0)
+    assert zoom_of(bench) == stopped_at < 0x2000
+
+
+def zoom_of(bench: ViscaBench) -> int:
+    bench.truth_rad()
+    return bench.line._bus.heads["pt1"].zoom.at(bench.clock.now_s())
+
+
 class TestStop:
     """It goes first, ends every motion, and is repeated until the head has said so."""
 
@@ -150,6 +175,25 @@ class TestStop:
         bench.poll(1.0)
         assert bench.truth_rad() == at_rest
         assert abs(at_rest[0]) < 0.8 * FAR[0]
+
+    def test_one_that_nobody_acknowledged_is_said_again_when_the_link_is_back(self) -> None:
+        bench = enabled()
+        bench.head.move_to(*FAR)
+        bench.poll(0.6)
+        bench.transport.cut = True
+        bench.head.stop()
+        with pytest.raises(LinkLost):
+            bench.poll(10.0)
+        bench.head.close()
+        bench.transport.cut = False
+        bench.head.open()
+        assert orders(bench) == ["move", "stop"]
+        bench.poll(1.0)
+        assert orders(bench) == ["move", "stop", "stop"], "once to stop, once to be told so"
+        bench.head.close()
+        bench.head.open()
+        bench.poll(1.0)
+        assert orders(bench) == ["move", "stop", "stop"], "it was acknowledged"
 
     def test_a_head_busy_with_two_commands_of_another_controller_is_stopped(self) -> None:
         bench = enabled(overtaking="queue")

@@ -93,12 +93,20 @@ def test_a_third_command_finds_no_socket_and_a_cancel_frees_one() -> None:
         ("82 09 06 12 FF", ""),
         ("09 06 12 FF", ""),
         ("81 09 04 00 FF", "90 50 02 FF"),
-        ("81 01 04 47 00 01 00 00 FF 81 09 04 47 FF", "90 41 FF 90 51 FF 90 50 00 01 00 00 FF"),
+        ("81 01 04 47 00 01 00 00 FF", "90 41 FF 90 51 FF"),
         ("81 01 00 01 FF", "90 50 FF"),
     ],
 )
 def test_answers(sent: str, answer: str) -> None:
     assert Wire(head()).say(sent, 0.2) == answer
+
+
+def test_a_zoom_takes_its_time_and_a_socket() -> None:
+    wire = Wire(head(zoom_s=2.0))
+    assert wire.say("81 01 04 47 02 00 00 00 FF", 0.5) == "90 41 FF"
+    assert wire.say("81 22 FF 81 21 FF", 0.1) == "90 62 05 FF 90 61 04 FF"
+    assert wire.say("81 01 04 47 01 00 00 00 FF", 1.5) == "90 41 FF 90 51 FF"
+    assert wire.say("81 09 04 47 FF", 0.1) == "90 50 01 00 00 00 FF"
 
 
 def test_a_chain_is_numbered_and_answers_by_address() -> None:

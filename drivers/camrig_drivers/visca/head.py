@@ -107,7 +107,7 @@ class ViscaHead:
             return
         link = Link(self._line, self._section.address)
         try:
-            if self._unstopped:
+            if self._unstopped or link.stop_unheard:
                 self._stop(link)
             self._first_positions(link)
         except BaseException:
@@ -129,16 +129,15 @@ class ViscaHead:
         sent = self._sent
         if sent and sent.permit is permit and sent.counts == counts and now_s < sent.resend_s:
             return
-        self._unstopped = True
-        section = self._section
+        self._unstopped, section = True, self._section
         if section.zoom is not None and self._zoomed is not permit:
-            zoomed = self._tell(link, zoom_to(section.zoom), permit)
+            zoomed = self._tell(link, zoom_to(section.zoom), permit, lasting=True)
             self._zoomed = permit if not isinstance(zoomed, Refused) else None
         speeds = (section.pan_speed, section.tilt_speed)
         outcome = self._tell(link, absolute(*counts, speeds, section.digits), permit)
         if not isinstance(outcome, Refused):
-            acknowledged = isinstance(outcome, Acknowledged)
-            self._sent = _Sent(counts, permit, now_s, self._way_s(pan_rad, tilt_rad), acknowledged)
+            way_s = self._way_s(pan_rad, tilt_rad)
+            self._sent = _Sent(counts, permit, now_s, way_s, isinstance(outcome, Acknowledged))
             self._whereabouts.append((pan_rad, tilt_rad))
 
     def read(self, timeout_s: float) -> tuple[AxisReading, ...]:
@@ -218,10 +217,12 @@ class ViscaHead:
         except InputError as error:
             raise InputError(f"head {self._spec.id} is not moved: {error}") from error
 
-    def _tell(self, link: Link, command: bytes, permit: object) -> Acknowledged | Completed | Refused | Miss:
+    def _tell(
+        self, link: Link, command: bytes, permit: object, *, lasting: bool = False
+    ) -> Acknowledged | Completed | Refused | Miss:
         """Give a command, again where the head is busy; return what came of it. Raises NotEnabledError once stopped."""
         for left in reversed(range(_TRIES_TO_MOVE)):
-            outcome = link.tell(command, permit)
+            outcome = link.tell(command, permit, lasting=lasting)
             if permit is not link.permit:
                 raise NotEnabledError(f"head {self._spec.id} was stopped before it was moved")
             busy = isinstance(outcome, Refused) and outcome.code in {Error.BUFFER_FULL, Error.NOT_EXECUTABLE}

@@ -88,6 +88,10 @@ class Line:
         self._attached: set[tuple[Transport, int]] = set()
         self._owed: dict[int, _OwedStop] = {}
         self._held: dict[int, set[int]] = {}
+        self._lasting: dict[int, set[int]] = {}
+        """Of those, what the next command leaves alone: a zoom on its way."""
+        self._unheard: set[int] = set()
+        """Heads that have acknowledged no stop since the last that was sent."""
         self._quiet_from_s = 0.0
 
     def attach(self, address: int) -> Transport:
@@ -95,8 +99,10 @@ class Line:
         with self._turns.turn():
             if self._transport is None:
                 self._transport = self._open_port()
+                self._unheard |= self._owed.keys()
                 self._owed.clear()
                 self._held.clear()
+                self._lasting.clear()
             self._attached.add((self._transport, address))
             return self._transport
 
@@ -136,7 +142,7 @@ class Line:
         return Answer(heard.reply.content, begun_s + half_window_s, half_window_s)
 
     def tell(
-        self, transport: Transport, address: int, command: bytes, allowed: Callable[[], bool]
+        self, transport: Transport, address: int, command: bytes, allowed: Callable[[], bool], *, lasting: bool = False
     ) -> Acknowledged | Completed | Refused | Miss:
         """Give a command if it is still allowed when its turn comes; return what the head says. Raises LinkLost.
 
@@ -151,18 +157,29 @@ class Line:
             if not self._quiet(transport):
                 return Miss.CUT
             is_outcome = self._outcome_of(address)
-            for socket in sorted(self._held.pop(address, ())):
+            kept = self._lasting.setdefault(address, set())
+            for socket in sorted(self._held.get(address, set()) - kept):
                 transport.send(message(address, cancel(socket)))
+            self._held[address] = set(kept)
             _, heard = self._converse(transport, address, command, is_outcome)
             if isinstance(heard, Miss):
                 return heard
             if isinstance(heard.reply, Refused) and heard.reply.code == Error.BUFFER_FULL:
+                kept.clear()
                 self._held[address] = set(SOCKETS)  # by whom we do not know; cancelled before the next command
+            if isinstance(heard.reply, Acknowledged):
+                (kept.add if lasting else kept.discard)(heard.reply.socket)
             return heard.reply
+
+    def stop_unheard(self, address: int) -> bool:
+        """Tell whether the last stop may never have come to the head."""
+        return address in self._unheard
 
     def stop(self, transport: Transport, address: int, body: bytes) -> None:
         """Send stop now, ahead of everything, and owe its repetition; raises LinkLost."""
         with self._turns.stop_turn(), self._current(transport):
+            self._unheard.add(address)
+            self._lasting.pop(address, None)
             self._owed[address] = _OwedStop(body, self.clock.now_s() + _AGAIN_S)
             for each in (body, *map(cancel, SOCKETS)):
                 sent = transport.send(message(address, each))
@@ -177,8 +194,7 @@ class Line:
                 self._repeat_stop(transport, due[0])
 
     def _repeat_stop(self, transport: Transport, address: int) -> None:
-        owed = self._owed.get(address)
-        if owed is None:
+        if (owed := self._owed.get(address)) is None:
             return
         owed.tries -= 1
         _, heard = self._converse(transport, address, owed.body, self._outcome_of(address))
@@ -189,7 +205,9 @@ class Line:
             owed.due_s = self.clock.now_s() + _AGAIN_S
             self._quiet_from_s = owed.due_s
             return
-        if not obeyed:
+        if obeyed:
+            self._unheard.discard(address)
+        else:
             _log.warning("%s: the head at address %d acknowledged no stop", transport.name, address)
         del self._owed[address]
 
@@ -252,6 +270,7 @@ class Line:
             held.add(reply.socket)
         else:
             held.discard(reply.socket)
+            self._lasting.get(reply.address, set()).discard(reply.socket)
 
     @contextmanager
     def _turn(self, transport: Transport) -> Iterator[None]:
@@ -275,6 +294,5 @@ class Line:
             self._transport = None
 
     def _wake(self) -> None:
-        transport = self._transport
-        if transport is not None:
+        if (transport := self._transport) is not None:
             transport.wake()

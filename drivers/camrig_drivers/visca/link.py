@@ -69,12 +69,21 @@ class Link:
             self._ask_again_s = clock.now_s() + _LATE_S
         return answer
 
-    def tell(self, command: bytes, permit: object) -> Acknowledged | Completed | Refused | Miss:
+    def tell(
+        self, command: bytes, permit: object, *, lasting: bool = False
+    ) -> Acknowledged | Completed | Refused | Miss:
         """Give a command; VOID where a stop has voided its permit, and then nothing is sent."""
-        outcome = self._line.tell(self.transport, self._address, command, lambda: permit is self.permit)
+        outcome = self._line.tell(
+            self.transport, self._address, command, lambda: permit is self.permit, lasting=lasting
+        )
         self.statistics.moves += outcome is not Miss.VOID
         self.statistics.count(outcome)
         return outcome
+
+    @property
+    def stop_unheard(self) -> bool:
+        """Whether the last stop, of this link or one before, may never have come to the head."""
+        return self._line.stop_unheard(self._address)
 
     def stop(self, body: bytes) -> None:
         """Void every permit and send stop, ahead of everything; any thread."""
