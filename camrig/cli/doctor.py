@@ -21,6 +21,7 @@ from camrig.host.checks import (
     check_kernels,
     check_latency,
     this_user,
+    tried,
 )
 from camrig.host.detection import check_detection
 from camrig.host.findings import Finding, Health, worst
@@ -55,10 +56,10 @@ def _findings() -> Iterator[Finding]:
     yield from check_devices(plugged_in())
     yield from check_groups(*this_user())
     yield from check_latency()
-    yield check_clock(ask_kernel_clock())
+    yield tried("clock", lambda: check_clock(ask_kernel_clock()))
     yield check_detection(len(os.sched_getaffinity(0)))
     yield check_kernels()
-    yield check_disk(Path.cwd())
+    yield tried("disk", lambda: check_disk(Path.cwd()))
 
 
 def _told(finding: Finding) -> dict[str, object]:

@@ -6,7 +6,7 @@ import grp
 import os
 import pwd
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -45,7 +45,10 @@ def check_groups(user_id: int, group_ids: frozenset[int]) -> Iterator[Finding]:
     if user_id == _ROOT:
         yield Finding("groups", Health.GREEN, "root may open every device; the service needs no root")
         return
-    user = pwd.getpwuid(user_id).pw_name
+    try:
+        user = pwd.getpwuid(user_id).pw_name
+    except KeyError:  # as in many a container
+        user = f"user {user_id}"
     for name, devices in GROUPS.items():
         try:
             group = grp.getgrnam(name)
@@ -56,6 +59,15 @@ def check_groups(user_id: int, group_ids: frozenset[int]) -> Iterator[Finding]:
         else:
             cure = f"sudo usermod -aG {name} {user}, then log in again"
             yield Finding("groups", Health.AMBER, f"{user} is not in {name}: {devices} may refuse it", cure)
+
+
+def tried(about: str, check: Callable[[], Finding]) -> Finding:
+    """Return what a check finds, or that the computer does not tell: containers keep a good deal to themselves."""
+    try:
+        return check()
+    except OSError as error:
+        cure = "run doctor in another folder, and outside of a container"
+        return Finding(about, Health.AMBER, f"unknown: the kernel says {error.strerror or error}", cure)
 
 
 def check_clock(clock: KernelClock) -> Finding:
@@ -78,7 +90,9 @@ def check_disk(folder: Path) -> Finding:
 
 def check_kernels() -> Finding:
     """Tell whether the planner's compiled kernels are kept for this user."""
-    folders = [_PACKAGE, Path(os.environ.get("NUMBA_CACHE_DIR") or Path.home() / ".cache/numba")]
+    folders = [_PACKAGE]
+    with suppress(RuntimeError):  # a user without a home
+        folders.append(Path(os.environ.get("NUMBA_CACHE_DIR") or Path.home() / ".cache/numba"))
     kept = sum(1 for folder in folders for _ in folder.rglob("*.nbi"))
     if kept:
         return Finding("kernels", Health.GREEN, f"{kept} compiled kernels of the planner are kept")

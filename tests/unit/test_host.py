@@ -12,7 +12,7 @@ import pytest
 
 from camrig.config.rig_file import load_rig
 from camrig.host import checks
-from camrig.host.checks import check_clock, check_devices, check_disk, check_groups, check_kernels, check_latency
+from camrig.host.checks import check_clock, check_devices, check_disk, check_groups, check_kernels, check_latency, tried
 from camrig.host.detection import check_detection
 from camrig.host.findings import Finding, Health, worst
 from camrig.host.first_rig import first_rig
@@ -21,6 +21,10 @@ from camrig.host.plugged_in import Device, PluggedIn
 from camrig.interfaces import Found
 
 NOBODY = 65534
+
+
+NAMELESS = 4_294_967_000
+"""A user of no line in passwd, as containers have."""
 
 
 def camera(number: int, trouble: str = "", size_px: tuple[int, int] | None = (640, 480)) -> Device:
@@ -139,3 +143,24 @@ def test_the_worst_finding_is_how_it_is() -> None:
     assert worst([]) is worst([green]) is Health.GREEN
     assert worst([green, amber]) is Health.AMBER
     assert worst([amber, red, green]) is Health.RED
+
+
+def test_a_user_without_a_name_or_a_home_is_judged_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "user 4294967000 is not in video" in next(iter(check_groups(NAMELESS, frozenset()))).says
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(Path, "home", _homeless)
+    assert check_kernels().about == "kernels"
+
+
+def _homeless() -> Path:
+    raise RuntimeError("Could not determine home directory.")
+
+
+def test_what_the_kernel_does_not_tell_is_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    finding = tried("disk", lambda: check_disk(Path.cwd()))
+    assert (finding.about, finding.health) == ("disk", Health.AMBER)
+    assert "No such file or directory" in finding.says
