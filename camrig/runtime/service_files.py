@@ -103,8 +103,10 @@ class Service:
 
     def _check_program(self) -> None:
         """Refuse a program that the service will not find, or that anybody may replace."""
+        if not self.program.is_absolute():
+            raise InputError(f"{self.program} is a relative path: name the service's camrig by an absolute one")
         for hidden in _HIDDEN:
-            if self.program.is_relative_to(hidden):
+            if self.program.is_relative_to(hidden) or self.program.resolve().is_relative_to(hidden):
                 raise InputError(
                     f"{self.program} is out of the service's sight, which sees nothing below {hidden}: "
                     f"install camrig in /opt/camrig, or name another with --program"

@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from camrig.errors import InputError
+from camrig.runtime import service_files
+
 SYSTEMD = Path(__file__).parents[2] / "systemd"
 UNITS = ("camrig.service", "camrig@.service")
 INSTALLED = {
@@ -91,6 +94,23 @@ def test_a_program_that_the_service_cannot_see_is_refused(tmp_path: Path, progra
     assert found.returncode == 2
     assert "out of the service's sight" in found.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_a_program_is_named_by_an_absolute_path(tmp_path: Path) -> None:
+    found = _install("--root", str(tmp_path), "--program", "bin/camrig")
+    assert found.returncode == 2
+    assert "bin/camrig is a relative path" in found.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_link_to_a_program_that_the_service_cannot_see_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home, link = tmp_path / "home", tmp_path / "camrig"
+    monkeypatch.setattr(service_files, "_HIDDEN", (str(home),))
+    link.symlink_to(home / "camrig")
+    with pytest.raises(InputError, match="out of the service's sight"):
+        service_files.Service(tmp_path, link).plan()
 
 
 def test_a_root_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
