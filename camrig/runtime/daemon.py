@@ -165,10 +165,16 @@ class Daemon:
         self._stopping.set()
         for worker in self._workers:
             worker.request_stop()
-        stuck = [worker.job.name for worker in self._workers if not worker.join(JOIN_S)]
+        stuck = [worker.job.name for worker in self._workers if not self._joined(worker)]
         if stuck:
             log.error("did not end within %.0f s: %s", JOIN_S, ", ".join(stuck))
         self._open.close()
+
+    def _joined(self, worker: Worker) -> bool:
+        """Wait for a worker's end, and tell the watchdog: each may take its time, and nobody supervises any more."""
+        ended = worker.join(JOIN_S)
+        self.notifier.alive()
+        return ended
 
     def hold(self) -> Mapping[str, str]:
         """Stop every head and hold every drone, until ``resume`` or ``arm``; return what failed. Any thread."""
@@ -234,10 +240,12 @@ class Daemon:
 
     @property
     def airborne(self) -> tuple[str, ...]:
-        """The drones that are not known to stand on the ground, of those that are reached; any thread, once started."""
-        flight = self.control.state.flight
-        resting = (FlightState.GROUND, FlightState.UNKNOWN)
-        return tuple(name for name in self.devices.drones if flight.get(name, FlightState.UNKNOWN) not in resting)
+        """The drones that did not stand on the ground when they were heard of last; any thread, once started.
+
+        A link that is lost brings no drone down: what was in the air before counts as in the air.
+        """
+        grounded = (FlightState.GROUND, None)
+        return tuple(name for name, job in self.devices.drones.items() if job.flight not in grounded)
 
     @property
     def stop_requested(self) -> bool:

@@ -16,6 +16,7 @@ from camrig.messages import (
     DroneReading,
     Event,
     Expected,
+    FlightState,
     Frame,
     HeadAim,
     Level,
@@ -161,15 +162,18 @@ class HeadJob:
         if order is not None and order.due(readings):
             self._tell(order)
 
-    def _move_to(self, aim: HeadAim) -> None:
+    def _move_to(self, aim: HeadAim) -> bool:
+        """Send the head there; tell whether it was sent."""
         try:
             self.head.move_to(aim.pan_rad, aim.tilt_rad)
         except NotEnabledError:  # stopped by another thread between the queue and the wire
             self._enabled = False  # and to be enabled anew, should it have been resumed since
+            return False
+        return True
 
     def _tell(self, order: StandingAim) -> None:
-        order.told()
-        self._move_to(order.aim)
+        if self._move_to(order.aim):
+            order.told()
 
     @property
     def landing(self) -> bool:
@@ -226,6 +230,8 @@ class DroneJob:
     orders: Mailbox[Callable[[], None]] = field(default_factory=lambda: Mailbox(4))
     landing: bool = False
     """Whether an operator sent it to land, and nothing else since."""
+    flight: FlightState | None = None
+    """What it was last heard to do, over every loss of its link; None before it was first heard."""
     _wanted: threading.Event = field(default_factory=threading.Event)
 
     @property
@@ -250,6 +256,8 @@ class DroneJob:
             self._go_to(aim)
         for reading in self.drone.read(DRONE_TIMEOUT_S):
             self.readings.put(reading)
+            if reading.flight is not FlightState.UNKNOWN:
+                self.flight = reading.flight
 
     def _go_to(self, aim: DroneAim) -> None:
         try:

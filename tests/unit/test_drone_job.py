@@ -175,3 +175,22 @@ def test_no_order_outlives_its_link(flyer: DroneJob, fake_drone: FakeDrone, manu
     manual_clock.advance(10.0)
     assert flight(flyer) is FlightState.GROUND
     assert fake_drone.commands == []
+
+
+def test_what_was_in_the_air_when_its_link_was_lost_is_not_taken_to_have_landed(
+    flyer: DroneJob, fake_drone: FakeDrone, manual_clock: ManualClock
+) -> None:
+    assert flyer.flight is None
+    flying(flyer, manual_clock)
+    fake_drone.faults.unplug()
+    with pytest.raises(LinkLost):
+        flyer.turn()
+    flyer.close()
+    assert flyer.flight is FlightState.FLYING
+    fake_drone.faults.replug()
+    flyer.open()
+    flyer.land()
+    flyer.turn()
+    manual_clock.advance(30.0)
+    flyer.turn()
+    assert flyer.flight is FlightState.GROUND

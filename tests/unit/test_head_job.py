@@ -309,6 +309,16 @@ class TestOperatorsAim:
         assert moves(fake_head) == []
         assert (job.enabled, job.follows_plans, job.aimed) == (True, False, ASIDE)
 
+    def test_one_that_did_not_go_through_does_not_count_as_told(self, job: HeadJob, fake_head: FakeHead) -> None:
+        job.aim(ASIDE)
+        job.turn()
+        job.aim(BELOW)
+        fake_head.stop()  # a stop of another thread, between the order and the wire
+        job.turn()
+        assert moves(fake_head) == [ASIDE, None]
+        job.turn()
+        assert moves(fake_head) == [ASIDE, None, BELOW]
+
     def test_it_is_told_again_while_the_head_is_not_there_but_not_for_ever(
         self, job: HeadJob, fake_head: FakeHead, manual_clock: ManualClock
     ) -> None:
