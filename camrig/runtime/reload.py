@@ -1,4 +1,4 @@
-"""A rig that is run until it is to end, over reloads of its file (docs/decisions/0009)."""
+"""A rig that is run until it is to end, over reloads of its file (docs/decisions/0010)."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ from camrig.runtime.daemon import Daemon
 from camrig.runtime.emulated import emulated_world
 
 log = logging.getLogger(__name__)
+
+SETTLED_S = 10.0
+"""A reloaded rig that fails sooner has not started."""
 
 Serving = Callable[[Daemon], AbstractContextManager[None]]
 
@@ -45,7 +48,7 @@ class Run:
         remark = ""
         while current is not None:
             try:
-                daemon = self._one(current, held, remark, until_s)
+                daemon = self._one(current, before, held, remark, until_s)
             except _NotStartedError as error:
                 if before is None or self._ending:
                     raise error.reason from error
@@ -53,6 +56,8 @@ class Run:
                 current, before, remark = before, None, f"reload failed: {error.reason}"
             else:
                 before, current, held, remark = current, daemon.successor, daemon.held, ""
+                if current is not None and held:  # a head of a new name may be one that is held, or stand beside it
+                    held |= current.rig.heads.keys() - before.rig.heads.keys()
                 if self._ending:
                     return
                 daemon.notifier.alive()  # nobody supervises between two daemons
@@ -68,7 +73,9 @@ class Run:
         if self._daemon is not None:
             self._daemon.request_reload()
 
-    def _one(self, config: RigConfig, held: frozenset[str], remark: str, until_s: float) -> Daemon:
+    def _one(
+        self, config: RigConfig, fallback: RigConfig | None, held: frozenset[str], remark: str, until_s: float
+    ) -> Daemon:
         with emulated_world(config) as (rig_config, _):
             daemon = Daemon(rig_config, settings_of(rig_config), self.sinks, self.clock, held=held, remark=remark)
             before, self._daemon = self._daemon, daemon
@@ -80,9 +87,15 @@ class Run:
                 daemon.start()
             except CamrigError as error:
                 raise _NotStartedError(error) from error
+            began_s = self.clock.now_s()
             try:
                 with self.serving(daemon):
                     daemon.supervise(until_s, lambda: self._next(config, daemon))
+            except CamrigError as error:  # only opening shows that a device is not what the file says
+                if fallback is None or self.clock.now_s() > began_s + SETTLED_S:
+                    raise
+                daemon.successor = fallback  # it hands over: systemd must not be told of an end
+                raise _NotStartedError(error) from error
             finally:
                 daemon.stop()
         return daemon

@@ -157,6 +157,28 @@ def test_a_rig_that_does_not_start_gives_way_to_the_one_before(
         assert rig.daemon.config.outputs == ()
 
 
+def test_a_rig_whose_devices_turn_out_to_be_others_gives_way_to_the_one_before(
+    bench: Callable[[str], AbstractContextManager[Bench]],
+) -> None:
+    south = "source: {driver: fake, fps: 10}, mount: {head: pt2}"
+    with bench(RIG) as rig:
+        first = rig.daemon
+        rig.reload(RIG.replace(south, "source: {driver: v4l2, device: /dev/null}, mount: {head: pt2}"))
+        until(lambda: len(rig.daemons) == 3, 30.0)
+        until(lambda: rig.notified("reload failed"))
+        assert not rig.notified("STOPPING=1")
+        assert rig.daemon.config == first.config
+
+
+def test_a_held_head_stays_held_under_another_name(bench: Callable[[str], AbstractContextManager[Bench]]) -> None:
+    with bench(RIG) as rig:
+        rig.daemon.hold()
+        rig.daemon.resume(["pt2"])
+        rig.reload(RIG.replace("pt1", "pan1"))
+        until(lambda: len(rig.daemons) == 2, 20.0)
+        assert {name: job.held for name, job in rig.daemon.devices.heads.items()} == {"pan1": True, "pt2": False}
+
+
 def test_no_reload_while_a_drone_is_in_the_air(bench: Callable[[str], AbstractContextManager[Bench]]) -> None:
     with bench(WITH_DRONE) as rig:
         first = rig.daemon
