@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import os
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -23,6 +25,8 @@ settings.load_profile("ci" if os.environ.get("CI") else "camrig")
 
 _GRACE_S = 2.0
 
+_COMPILE = "from camrig.optimise import PlannerSettings, warm_up; warm_up(PlannerSettings(visibility='image'))"
+
 KERNELS = ("geometry", "sensing", "optimise/kernels")
 """The folders of the package that hold compiled functions."""
 
@@ -40,6 +44,9 @@ def pytest_configure(config: pytest.Config) -> None:
     for kept in package.rglob("__pycache__/*.nb?"):
         if kept.stat().st_mtime < newest:
             kept.unlink(missing_ok=True)
+    if config.getoption("numprocesses", None) and not any(package.rglob("__pycache__/*.nbi")):
+        # Once, before the workers: each would compile all of it, and daemons under test wait for a plan meanwhile.
+        subprocess.run([sys.executable, "-c", _COMPILE], check=True)
 
 
 def _threads() -> set[str]:
