@@ -10,12 +10,13 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from camrig.errors import HardwareError, LinkLost
+from camrig.errors import HardwareError, LinkLoss, LinkLost
 from camrig.geometry.lens import BrownLens
 from camrig.rig import CameraSpec, FixedMount, HeadSpec
 from camrig_drivers.uvc import UvcHead, UvcSection, driver
 from camrig_drivers.v4l2 import V4l2Camera, V4l2Section
 from tests.uvc_kernel import PtzKernel
+from tests.v4l2_control_bank import USUAL_CONTROLS, ControlBank
 from tests.v4l2_kernel import MONOTONIC, PATH, S_EXT_CTRLS, FakeKernel
 from tests.visca_bench import SPEC, SteppedClock
 
@@ -185,6 +186,40 @@ def test_one_that_comes_back_is_not_sent_to_where_it_was_going() -> None:
     bench.head.open()
     assert bench.kernel.bank.orders == ["move", "move"]
     assert bench.kernel.angles_rad() == (0.0, 0.0)
+    bench.head.close()
+
+
+@pytest.mark.parametrize("device", [PATH, "serial=5A17"])
+def test_it_is_found_again_under_another_number(device: str) -> None:
+    clock = SteppedClock(100.0)
+    kernel = PtzKernel(clock)
+    kernel.serial = "5A17"
+    head = UvcHead(SPEC, UvcSection(device=device), clock, kernel)
+    head.open()
+    kernel.unplug()
+    with pytest.raises(LinkLost):
+        head.read(0.1)
+    head.close()
+    kernel.path = "/dev/video7"
+    kernel.replug()
+    head.open()
+    assert len(head.read(0.1)) == 2
+    head.close()
+
+
+def test_one_that_comes_back_as_something_else_is_a_lost_link() -> None:
+    bench = Bench().enabled()
+    bench.kernel.unplug()
+    with pytest.raises(LinkLost):
+        bench.head.read(0.1)
+    bench.head.close()
+    controls, bench.kernel.controls = bench.kernel.controls, ControlBank(USUAL_CONTROLS, ())
+    bench.kernel.replug()
+    with pytest.raises(LinkLost, match="has no control pan_absolute") as lost:
+        bench.head.open()
+    assert lost.value.loss is LinkLoss.CHANGED
+    bench.kernel.controls = controls
+    bench.head.open()
     bench.head.close()
 
 

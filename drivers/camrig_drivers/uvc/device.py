@@ -11,8 +11,8 @@ from camrig.errors import HardwareError
 from camrig.rig import HeadSpec
 from camrig_drivers.uvc.axis import Axis
 from camrig_drivers.uvc.section import UvcSection
+from camrig_drivers.v4l2.finder import Finder
 from camrig_drivers.v4l2.node import ControlInfo, Node
-from camrig_drivers.v4l2.port import IoctlPort
 
 _CAMERA_CLASS = 0x009A0900  # V4L2_CID_CAMERA_CLASS_BASE
 PAN_ABSOLUTE, TILT_ABSOLUTE, ZOOM_ABSOLUTE = _CAMERA_CLASS + 8, _CAMERA_CLASS + 9, _CAMERA_CLASS + 13
@@ -52,13 +52,14 @@ class Device:
             self.node.set_value(speed, 0)
 
 
-def open_device(port: IoctlPort, label: str, spec: HeadSpec, section: UvcSection) -> Device:
-    """Open a device and find its controls; moves nothing.
+def open_device(finder: Finder, label: str, spec: HeadSpec, section: UvcSection) -> Device:
+    """Open a device under whatever number it has now, and find its controls; moves nothing.
 
-    Raises OSError where it cannot be opened, HardwareError where it is no pan-tilt head or cannot do what is asked.
+    Raises OSError where it cannot be opened, LinkLost where it is not plugged in, HardwareError where it is no pan-tilt
+    head or cannot do what is asked.
     """
     with ExitStack() as undo:
-        node = Node(port, section.device)
+        node, _ = finder.open()
         undo.callback(node.close)
         device = Device(
             node,

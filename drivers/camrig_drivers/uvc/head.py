@@ -16,12 +16,13 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from camrig.clock import Clock
-from camrig.errors import InputError, LinkLost, NotEnabledError
+from camrig.errors import HardwareError, InputError, LinkLoss, LinkLost, NotEnabledError
 from camrig.interfaces import Guard
 from camrig.messages import AxisReading
 from camrig.rig import HeadSpec
 from camrig_drivers.uvc.device import Angles, Device, open_device
 from camrig_drivers.uvc.section import UvcSection
+from camrig_drivers.v4l2.finder import Finder
 from camrig_drivers.v4l2.port import IoctlPort
 from camrig_drivers.v4l2.trouble import explain
 
@@ -58,8 +59,9 @@ class UvcHead:
         self._spec = spec
         self._section = section
         self._clock = clock
-        self._port = port
         self._label = f"head {spec.id}: {section.device}"
+        self._finder = Finder(port, section.device, self._label)
+        self._tried = False
         self._lock = threading.RLock()
         """Guards what is set on the device: nothing comes between a motion's permit and its controls."""
         self._device: Device | None = None
@@ -74,12 +76,12 @@ class UvcHead:
 
     def open(self) -> None:
         """Open the device beside whoever streams from it, and look at its controls; moves nothing, but ends a motion
-        that a lost link may have left. Raises HardwareError where it cannot do what the rig's limits ask.
+        that a lost link may have left. Raises HardwareError where it cannot do what the rig's limits ask; later than at
+        the first open that is a LinkLost, since a rig is at work and the right device may come back.
         """
         if self._device is not None:
             return
-        with self._explained():
-            device = open_device(self._port, self._label, self._spec, self._section)
+        device = self._found()
         try:
             with self._explained():
                 held_rad = device.angles_rad()
@@ -160,6 +162,18 @@ class UvcHead:
             device.node.close()
 
     # --- inside -----------------------------------------------------------------------------------------
+
+    def _found(self) -> Device:
+        first, self._tried = not self._tried, True
+        try:
+            with self._explained():
+                return open_device(self._finder, self._label, self._spec, self._section)
+        except LinkLost:
+            raise
+        except HardwareError as error:
+            if first:
+                raise
+            raise LinkLost(str(error), LinkLoss.CHANGED) from error
 
     def _stop(self, device: Device) -> None:
         with self._lock, self._explained():

@@ -39,7 +39,7 @@ class UvcSection(BaseModel):
     model_config = _STRICT
 
     device: Annotated[str, Field(min_length=1)]
-    """Best a name of /dev/v4l/by-id or by-path."""
+    """Best a name of /dev/v4l/by-id or by-path; or ``serial=…`` or ``bus=…``, as a camera's."""
     axes: UvcAxesSection = UvcAxesSection()
     reports: Literal["target", "position"] = "target"
     """What the controls hold while the head moves; with target it is unknown until it must be there."""
