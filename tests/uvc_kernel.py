@@ -123,6 +123,8 @@ class PtzKernel(FakeKernel):
 class UvcRig:
     """The UVC driver on such a device, for the contract of heads: see contract/test_head_contract."""
 
+    guarded = False
+
     def __init__(self, spec: HeadSpec) -> None:
         self.clock = RealClock()
         self.kernel = PtzKernel(self.clock, step=36, speed_deg_s=120.0, reports_target=False)

@@ -21,6 +21,8 @@ def quick_head(**changed: object) -> ViscaHeadSettings:
 class _ViscaRig:
     """What rigs on every port share."""
 
+    guarded = True
+
     def __init__(self, spec: HeadSpec, emulator: ViscaLine | ViscaUdpHead, **section: object) -> None:
         self._emulator = emulator
         made = driver.make(

@@ -39,6 +39,8 @@ class HeadRig(Protocol):
 
     head: Head
     faults: Faults
+    guarded: bool
+    """Whether a guardian can stop it when the daemon is dead."""
 
     def orders(self) -> list[str]:
         """Return "move" and "stop" as they arrived."""
@@ -55,6 +57,8 @@ class HeadRig(Protocol):
 
 class FakeRig:
     """The head in memory."""
+
+    guarded = True
 
     def __init__(self) -> None:
         self.head: Head
@@ -73,6 +77,8 @@ class FakeRig:
 
 class PelcoDRig:
     """The Pelco-D driver over a pty, with an emulated head at its end."""
+
+    guarded = True
 
     def __init__(self) -> None:
         self._line = PelcoDLine(
@@ -347,7 +353,7 @@ class TestHead:
     def test_a_guard_is_valid_while_open(self, rig: HeadRig) -> None:
         rig.head.open()
         guard = rig.head.guard()
-        assert guard.fd >= 0 or not guard.stop_bytes
+        assert (guard.fd >= 0 and bool(guard.stop_bytes)) == rig.guarded
         rig.head.close()
         with pytest.raises(LinkLost):
             rig.head.guard()
