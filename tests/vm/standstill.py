@@ -9,12 +9,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 TICK_S = 0.01
+LATE_S = 0.005
+"""What is told of: less is every computer's."""
 
 
 class Standstills:
-    """How long each processor stood still at the longest; known once the watch has ended."""
+    """When some processor stood still, of CLOCK_MONOTONIC; known once the watch has ended."""
 
-    longest_s: float = 0.0
+    def __init__(self) -> None:
+        self.times_s: list[tuple[float, float]] = []
+        """Begin and end of each."""
+
+    @property
+    def longest_s(self) -> float:
+        return max((end_s - begin_s for begin_s, end_s in self.times_s), default=0.0)
+
+    def between(self, begin_s: float, end_s: float, longer_s: float) -> list[tuple[float, float]]:
+        """Return those longer than so much that touch an interval."""
+        return [each for each in self.times_s if each[1] - each[0] > longer_s and each[0] < end_s and each[1] > begin_s]
 
 
 @contextmanager
@@ -29,12 +41,14 @@ def watched() -> Iterator[Standstills]:
             os.kill(pid, signal.SIGTERM)
         for pid, told in ends:
             with os.fdopen(told) as lines:
-                found.longest_s = max(found.longest_s, *map(float, ["0", *lines.read().split()]))
+                for line in lines.read().splitlines():
+                    begin_s, end_s = map(float, line.split())
+                    found.times_s.append((begin_s, end_s))
             os.waitpid(pid, 0)
 
 
 def _start(processor: int) -> tuple[int, int]:
-    """Fork a watcher that writes every record it sees; return its process and the pipe's end to read."""
+    """Fork a watcher that writes every standstill it sees; return its process and the pipe's end to read."""
     told, tell = os.pipe()
     pid = os.fork()
     if pid:
@@ -42,11 +56,9 @@ def _start(processor: int) -> tuple[int, int]:
         return pid, told
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.sched_setaffinity(0, {processor})
-    longest_s = 0.0
     while True:
-        begun_s = time.monotonic()
+        due_s = time.monotonic() + TICK_S
         time.sleep(TICK_S)
-        late_s = time.monotonic() - begun_s - TICK_S
-        if late_s > longest_s:
-            longest_s = late_s
-            os.write(tell, f"{late_s}\n".encode())
+        woken_s = time.monotonic()
+        if woken_s - due_s > LATE_S:
+            os.write(tell, f"{due_s:.4f} {woken_s:.4f}\n".encode())

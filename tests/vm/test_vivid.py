@@ -110,11 +110,12 @@ def test_full_rate_goes_on_without_a_gap() -> None:
             with watched() as standstills:
                 for _ in range(2 * BUFFERS):  # starting to watch has held up the reader
                     frame_of(made)
-                run = run_of(made)
+                run, (before_s, after_s) = run_of(made)
             stood_still_s.append(standstills.longest_s)
             if not run.missed:
                 break
-            assert standstills.longest_s > 0.5 / FULL_RATE_FPS, f"missed frames while the computer was awake: {run}"
+            excuses = standstills.between(before_s - PERIOD_S, after_s + PERIOD_S, longer_s=0.5 * PERIOD_S)
+            assert excuses, f"missed frames at {before_s} to {after_s} s while the computer was awake: {run}"
         else:
             pytest.skip(f"this host is too busy to judge: the emulated computer stood still for {stood_still_s} s")
     print(f"{FULL_RATE_FPS} fps for {RUN_S:.0f} s: {run}; it stood still for {stood_still_s} s at the longest")
@@ -123,14 +124,18 @@ def test_full_rate_goes_on_without_a_gap() -> None:
     assert run.skipped <= 0.01 * run.read
 
 
-def run_of(made: V4l2Camera) -> Counters:
-    """Read for the time of a run, or until a frame is missed; return what became of the frames of it alone."""
+def run_of(made: V4l2Camera) -> tuple[Counters, tuple[float, float]]:
+    """Read for the time of a run, or until a frame is missed.
+
+    Return what became of the frames of it alone, and the stamps of the last two: where one is missed, between them.
+    """
     before = replace(made.counters)
     until_s = time.monotonic() + RUN_S
+    last_s = (time.monotonic(), time.monotonic())
     while time.monotonic() < until_s and made.counters.missed == before.missed:
-        frame_of(made)
+        last_s = (last_s[1], frame_of(made).stamp_s)
     counted = asdict(made.counters)
-    return Counters(**{name: counted[name] - count for name, count in asdict(before).items()})
+    return Counters(**{name: counted[name] - count for name, count in asdict(before).items()}), last_s
 
 
 @pytest.mark.realtime
