@@ -188,3 +188,17 @@ def test_no_reload_while_a_drone_is_in_the_air(bench: Callable[[str], AbstractCo
         until(lambda: rig.notified("d1 in the air: land before a reload"))
         assert rig.daemons == [first]
         assert isinstance(first.devices.drones["d1"].drone, FakeDrone)
+        first.devices.drones["d1"].drone.faults.unplug()
+        until(lambda: first.control.state.flight["d1"] is FlightState.UNKNOWN)
+        rig.reload(WITH_DRONE)
+        until(lambda: rig.notified("d1 in the air: land before a reload"))
+        assert rig.daemons == [first]
+
+
+def test_the_watchdog_is_fed_while_workers_end(bench: Callable[[str], AbstractContextManager[Bench]]) -> None:
+    with bench(RIG) as rig:
+        workers = len(rig.daemon.devices.heads) + len(rig.daemon.devices.cameras)
+        rig.run.request_stop()
+        until(lambda: rig.notified("STOPPING=1"))
+        ending = rig.said.index("STOPPING=1")
+        until(lambda: rig.notified("STOPPING=1") and rig.said[ending:].count("WATCHDOG=1") >= workers)
