@@ -100,6 +100,7 @@ def test_all_is_found_under_names_of_its_own() -> None:
     assert "brightness" in str(first.facts["controls"])
 
 
+@pytest.mark.slow  # and not where a run decides whether a change lands: an emulated computer may stand still unseen
 @pytest.mark.realtime
 def test_full_rate_goes_on_without_a_gap() -> None:
     """A gap of a computer that stood still is its host's, not the driver's: the run begins anew."""
