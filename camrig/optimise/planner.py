@@ -38,7 +38,7 @@ class _Effort(NamedTuple):
     kicks: int
 
 
-_PLAIN, _HARD, _HARDEST = _Effort(3, 5, 5, 2, 10), _Effort(3, 16, 8, 8, 60), _Effort(3, 24, 16, 16, 60)
+_PLAIN, _HARD, _HARDEST = _Effort(3, 10, 8, 4, 10), _Effort(3, 16, 8, 8, 60), _Effort(3, 24, 16, 16, 60)
 """For the cone; for the image, whose edges make many more local optima; for the worst target, with more still."""
 _LARGE = _Effort(1, 0, 1, 1, 0)
 """For a rig in which hardly anybody shares a target: there, one start is nearly as good as many."""
