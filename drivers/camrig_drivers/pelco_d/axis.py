@@ -7,12 +7,11 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from typing import Literal
 
-from camrig.errors import InputError
 from camrig.rig import Interval
+from camrig_drivers.limits import check_within
 from camrig_drivers.pelco_d.codec import FULL_TURN_RAW
 from camrig_drivers.pelco_d.section import AxisSection
 
-_LIMIT_SLACK_RAD = 1e-9
 _DIGIT_DEG = 0.01
 _TAKE_UP = 1.5
 """How far before its target, in widths of the play, a move from the wrong side turns round."""
@@ -34,10 +33,7 @@ class AxisScale:
 
     def check(self, angle_rad: float) -> None:
         """Raise InputError outside the limits (or for NaN)."""
-        low_rad, high_rad = self.limits_rad
-        if not low_rad - _LIMIT_SLACK_RAD <= angle_rad <= high_rad + _LIMIT_SLACK_RAD:
-            allowed = f"{math.degrees(low_rad):.2f}..{math.degrees(high_rad):.2f}"
-            raise InputError(f"{self.name} {math.degrees(angle_rad):.2f} deg is outside {allowed} deg")
+        check_within(self.name, angle_rad, self.limits_rad)
 
     def raw_unchecked(self, angle_rad: float) -> int:
         """Return 0..35999 for an angle of the motor, which is ahead of the optics by half the play."""

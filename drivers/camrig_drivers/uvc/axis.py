@@ -9,12 +9,12 @@ from typing import Literal
 
 from camrig.errors import HardwareError, InputError
 from camrig.rig import Interval
+from camrig_drivers.limits import check_within
 from camrig_drivers.uvc.section import UvcAxisSection
 from camrig_drivers.v4l2.node import ControlInfo
 
 _ARC_SECONDS = 3600.0
 """V4L2_CID_PAN_ABSOLUTE and V4L2_CID_TILT_ABSOLUTE: "the unit is arc seconds"."""
-_LIMIT_SLACK_RAD = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +29,7 @@ class Axis:
 
     def value(self, angle_rad: float) -> int:
         """Return the control's value nearest to an angle and not beyond a limit; InputError outside (or for NaN)."""
-        low_rad, high_rad = self.limits_rad
-        if not low_rad - _LIMIT_SLACK_RAD <= angle_rad <= high_rad + _LIMIT_SLACK_RAD:
-            allowed = f"{math.degrees(low_rad):.2f}..{math.degrees(high_rad):.2f}"
-            raise InputError(f"{self.name} {math.degrees(angle_rad):.2f} deg is outside {allowed} deg")
+        check_within(self.name, angle_rad, self.limits_rad)
         ends = sorted(map(self._steps, self.limits_rad))
         lowest, highest = math.ceil(ends[0] - 1e-6), math.floor(ends[1] + 1e-6)
         return self.control.minimum + self._step * min(max(round(self._steps(angle_rad)), lowest), highest)

@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from camrig.errors import InputError
 from camrig.rig import Interval
+from camrig_drivers.limits import check_within
 from camrig_drivers.visca.section import ViscaAxisSection
 
-_LIMIT_SLACK_RAD = 1e-9
 _ROUNDING_COUNTS = 1e-6
 
 
@@ -25,10 +24,7 @@ class AxisScale:
 
     def count(self, angle_rad: float) -> int:
         """Return the count nearest to an angle that is not beyond a limit; raises InputError outside (or for NaN)."""
-        low_rad, high_rad = self.limits_rad
-        if not low_rad - _LIMIT_SLACK_RAD <= angle_rad <= high_rad + _LIMIT_SLACK_RAD:
-            allowed = f"{math.degrees(low_rad):.2f}..{math.degrees(high_rad):.2f}"
-            raise InputError(f"{self.name} {math.degrees(angle_rad):.2f} deg is outside {allowed} deg")
+        check_within(self.name, angle_rad, self.limits_rad)
         ends = sorted(map(self._counts, self.limits_rad))
         lowest, highest = math.ceil(ends[0] - _ROUNDING_COUNTS), math.floor(ends[1] + _ROUNDING_COUNTS)
         return min(max(round(self._counts(angle_rad)), lowest), highest)
