@@ -35,7 +35,7 @@ class Service:
 
 
 class SimulatedPort:
-    """What ``camrig_drivers.pelco_d.port.Port`` is over a device file, over a stepped line."""
+    """What ``camrig_drivers.serial_port.Port`` is over a device file, over a stepped line."""
 
     def __init__(self, rig: SimulatedHeads, path: str, baud: int) -> None:
         self.path = path

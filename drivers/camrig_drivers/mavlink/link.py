@@ -17,7 +17,7 @@ from camrig.clock import Clock
 from camrig.errors import LinkLost
 from camrig_drivers.mavlink.codec import Address, Decoder, Encoder
 from camrig_drivers.mavlink.packets import Heard, Heartbeat, OwnHeartbeat, Said
-from camrig_drivers.mavlink.udp import Endpoint, Peer, UdpSocket
+from camrig_drivers.udp import Endpoint, Peer, UdpSocket
 
 _HEARTBEAT_S = 1.0
 _MOVED_S = 2.5

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from camrig.errors import InputError
 from camrig.rig import DroneSpec
-from camrig_drivers.mavlink.udp import Endpoint
+from camrig_drivers.udp import Endpoint
 
 _EMULATED = "emulated"
 """What stands for the url until an emulated world has opened its ports."""

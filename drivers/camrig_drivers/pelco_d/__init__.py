@@ -14,8 +14,8 @@ from camrig.interfaces import Driver, Found, Head
 from camrig.rig import HeadSpec
 from camrig_drivers.pelco_d.bus import Bus, LineSettings
 from camrig_drivers.pelco_d.head import PelcoDHead
-from camrig_drivers.pelco_d.port import Port, SerialPort
 from camrig_drivers.pelco_d.section import PelcoDSection, check, line_of
+from camrig_drivers.serial_port import Port, SerialPort
 
 __all__ = ["buses_for", "driver"]
 

@@ -24,8 +24,8 @@ from camrig.clock import Clock
 from camrig.errors import LinkLost
 from camrig_drivers.pelco_d.codec import COMMAND_BYTES, Command, Echo, Extended, Reply, Request, encode, find_reply
 from camrig_drivers.pelco_d.commands import STOP
-from camrig_drivers.pelco_d.port import Port, SerialPort
 from camrig_drivers.pelco_d.timing import Answer, LinkStatistics, Miss, ReplyTime, timed
+from camrig_drivers.serial_port import Port, SerialPort
 
 T = TypeVar("T")
 

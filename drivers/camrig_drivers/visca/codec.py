@@ -164,10 +164,6 @@ class Splitter:
                 del self._kept[0]
         return [each for each in found if len(each) <= LONGEST_MESSAGE]
 
-    def clear(self) -> None:
-        """Forget half a message."""
-        self._kept.clear()
-
 
 class Kind(IntEnum):
     """The type in Sony's header."""

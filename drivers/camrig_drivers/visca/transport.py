@@ -10,8 +10,8 @@ from typing import Protocol
 
 from camrig.clock import Clock
 from camrig.errors import LinkLost
-from camrig_drivers.mavlink.udp import Endpoint, UdpSocket
-from camrig_drivers.pelco_d.port import Port
+from camrig_drivers.serial_port import Port
+from camrig_drivers.udp import Endpoint, UdpSocket
 from camrig_drivers.visca.codec import (
     INQUIRE_PAN_TILT,
     RESET_SEQUENCE,
