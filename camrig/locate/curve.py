@@ -6,7 +6,9 @@ end: nothing has happened, and the path is the chord; or the axis has changed it
 deviation ``d`` at the end grew as a parabola over the last part ``y`` of the interval (it began to change late), or
 over its first part ``z`` (it had been changing before, and ended). All moments that need an acceleration which heads
 have are equally probable; mean and variance over them are in closed form, and those of both hypotheses are merged by
-their moments (as in the interacting multiple model filter: Bar-Shalom, Estimation with Applications, ch. 11.6).
+their moments (as in the interacting multiple model filter: Bar-Shalom, Estimation with Applications, ch. 11.6). Of the
+deviation only that part is taken for a change of the rate which is no noise: what stamps, reports and an uncertain rate
+make of it bends no path. Where two readings are the same the axis stood.
 """
 
 from __future__ import annotations
@@ -21,15 +23,21 @@ from camrig.messages import AxisReading
 
 ACCELERATION_RAD_S2 = 2.0
 """What an axis may do unseen, beyond its last reading: one sigma is how far that takes it."""
-_LEAST_RAD_S2, _MOST_RAD_S2 = math.radians(40.0), math.radians(400.0)
+_LEAST_RAD_S2, _MOST_RAD_S2 = math.radians(30.0), math.radians(400.0)
 _USUAL_RAD_S2 = math.radians(150.0)
 """Accelerations of pan-tilt heads."""
-_HAPPENS, _HAPPENS_AGAIN = 0.3, 0.6
+_GROWN = 0.35
+"""One sigma of a changing rate's deviation, of its usual acceleration times the interval squared: 0.5 where it changes
+all the time, 0.22 where it begins to at any moment.
+"""
+_HAPPENS, _HAPPENS_AGAIN = 0.4, 0.8
 """How probable it is that the rate changes in an interval after an even one, and after one in which it did."""
-_CALIBRATION = 0.5
+_CALIBRATION = 0.45
 """Of the variance of what happens unseen, measured on random moves: motors vary less than all that may happen."""
 _STEPS_BY, _STEP_MOST_RAD = 0.5, math.radians(0.6)
 """How probable it is that a short way from rest was a step, begun and ended, and how long such steps are."""
+_SAME_RAD = 1e-9
+"""Readings that differ by less are the same digit."""
 _LEAST_NOISE_RAD = math.radians(0.01) / math.sqrt(12.0)
 
 
@@ -68,9 +76,19 @@ class _Interval:
         """Return how far the end is from where the rate leads."""
         return self.turn_rad - rate.rad_s * self.lasts_s
 
+    def noise(self, rate: _Rate) -> float:
+        """Return the variance of the deviation of an axis that runs on evenly."""
+        return self.noise_a + self.noise_b + rate.variance * self.lasts_s**2
+
+    def bend(self, rate: _Rate) -> tuple[float, float]:
+        """Return the part of the deviation that bends the path, if the rate has changed, and its variance."""
+        noise, bent = self.noise(rate), (_GROWN * _USUAL_RAD_S2 * self.lasts_s**2) ** 2
+        gain = bent / (bent + noise)
+        return gain * self.deviation(rate), gain * noise
+
     def happened(self, rate: _Rate) -> float:
         """Return how probable it is that the rate has changed in this interval."""
-        expected = self.noise_a + self.noise_b + rate.variance * self.lasts_s**2
+        expected = self.noise(rate)
         prior = _HAPPENS + (_HAPPENS_AGAIN - _HAPPENS) * rate.changing
         even = math.exp(-0.5 * self.deviation(rate) ** 2 / expected) / math.sqrt(math.tau * expected)
         changed = 1.0 / math.hypot(_USUAL_RAD_S2 * self.lasts_s**2, math.sqrt(expected))
@@ -92,24 +110,24 @@ class _Interval:
         """Return the rate at the interval's end."""
         gain = rate.variance / (rate.variance + self.slope_variance)
         even = rate.rad_s + gain * (self.slope_rad_s - rate.rad_s), (1.0 - gain) * rate.variance
-        deviation_rad, happened = self.deviation(rate), self.happened(rate)
-        low, high = self.parts(deviation_rad)
+        happened = self.happened(rate)
+        low, high = self.parts(self.deviation(rate))
         late = math.log(high / low) / (high - low), 1.0 / (low * high)
         mean, square = _mixed(0.5 * rate.changing, late, (0.5 * _EARLY_SLOPE, 0.25 * _EARLY_SLOPE_SQUARE))
-        step = 2.0 * deviation_rad / self.lasts_s
-        spread = rate.variance * min(1.0, (1.0 - 2.0 * mean) ** 2) + step**2 * max(0.0, square - mean**2)
+        bend_rad, variance = self.bend(rate)
+        spread = 4.0 * bend_rad**2 * max(0.0, square - mean**2) + variance * min(1.0, (2.0 * mean - 1.0) ** 2)
         reach = _USUAL_RAD_S2 * self.lasts_s  # no head gets further from the mean rate than that
-        changed = min(max(rate.rad_s + step * mean, self.slope_rad_s - reach), self.slope_rad_s + reach)
-        return _Rate(*_merged(happened, even, (changed, min(spread, (0.5 * reach) ** 2))), happened)
+        change = min(max((2.0 * mean - 1.0) * bend_rad / self.lasts_s, -reach), reach)
+        uncertain = min(spread / self.lasts_s**2, (0.5 * reach) ** 2) + self.slope_variance
+        return _Rate(*_merged(happened, even, (self.slope_rad_s + change, uncertain)), happened)
 
     def at(self, rate: _Rate, share: float) -> tuple[float, float]:
         """Return how far the axis has come at a share of the interval, and the variance of that."""
-        deviation_rad = self.deviation(rate)
-        late = _late(share, *self.parts(deviation_rad))
+        late = _late(share, *self.parts(self.deviation(rate)))
         mean, square = _mixed(0.5 * rate.changing, late, _early(share))
-        changed_rad = rate.rad_s * self.lasts_s * share + deviation_rad * mean
-        lever_s = self.lasts_s * (share - mean)
-        spread = deviation_rad**2 * max(0.0, square - mean**2) + rate.variance * lever_s**2
+        bend_rad, variance = self.bend(rate)
+        changed_rad = share * self.turn_rad + (mean - share) * bend_rad
+        spread = bend_rad**2 * max(0.0, square - mean**2) + variance * (mean - share) ** 2
         come_rad, variance = _merged(self.happened(rate), (share * self.turn_rad, 0.0), (changed_rad, spread))
         stepped = share * self.turn_rad, share * (1.0 - share) * self.turn_rad**2
         come_rad, variance = _merged(self.stepped(rate), (come_rad, variance), stepped)
@@ -147,6 +165,8 @@ def axis_at(readings: Sequence[AxisReading], stamp_s: float) -> tuple[float, flo
     interval = _between(before, after)
     sigma_rad = max(before.sigma_rad, after.sigma_rad)
     outside_s = max(before.stamp_s - stamp_s, stamp_s - after.stamp_s, 0.0)
+    if outside_s == 0.0 and abs(interval.turn_rad) < _SAME_RAD:
+        return before.angle_rad, sigma_rad**2
     if outside_s == 0.0:
         share = (stamp_s - before.stamp_s) / interval.lasts_s
         come_rad, variance = interval.at(rate, share)
@@ -173,7 +193,7 @@ def _between(before: AxisReading, after: AxisReading) -> _Interval:
 
 def _own_noise(reading: AxisReading, turn_rad: float) -> float:
     """Return the variance of what makes a reading differ from its neighbour: at rest both are rounded alike."""
-    return max(reading.noise_rad, _LEAST_NOISE_RAD) ** 2 if turn_rad else 1e-14
+    return max(reading.noise_rad, _LEAST_NOISE_RAD) ** 2 if abs(turn_rad) > _SAME_RAD else 1e-14
 
 
 def _late(share: float, low: float, high: float) -> tuple[float, float]:
