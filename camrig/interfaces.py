@@ -180,6 +180,15 @@ class CountsItsLink(Protocol):
         ...
 
 
+@runtime_checkable
+class LearnsItsAngles(Protocol):
+    """What a head's driver offers besides, where the head reports nothing, or not enough."""
+
+    def correct(self, reading: AxisReading) -> None:
+        """Take an angle that something else measured, as anchors in the picture do; by the thread that reads."""
+        ...
+
+
 class Drone(Actuator, Protocol):
     """A camera drone. Positions are world metres (ENU), yaw 0 = nose along world x, counter-clockwise."""
 

@@ -11,11 +11,12 @@ from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pose import invert
 from camrig.locate.anchors import Corrected, correct, from_anchors_alone
 from camrig.locate.camera_pose import camera_pose
+from camrig.locate.head_angles import head_angles
 from camrig.locate.history import Histories
 from camrig.locate.sightings import seen_bodies, solve
 from camrig.locate.tags import SeenTag, owners, undistorted, without_repeats
-from camrig.messages import CameraPose, Event, Level, Sighting, TagDetection, TagDetections
-from camrig.rig import CameraSpec, Rig
+from camrig.messages import AxisReading, CameraPose, Event, Level, Sighting, TagDetection, TagDetections
+from camrig.rig import CameraSpec, HeadMount, Rig
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,13 +25,14 @@ class Located:
 
     ``camera_pose`` is None where nothing tells it, and then there are no sightings. ``unlisted`` tags are in the
     picture but not in the rig: reported, never fused. ``notes`` repeat in every frame while their cause lasts, with
-    the same text.
+    the same text. ``head_angles`` are what the anchors in view say of the camera's head, beside its own readings.
     """
 
     camera_pose: CameraPose | None
     sightings: tuple[Sighting, ...] = ()
     unlisted: tuple[TagDetection, ...] = ()
     notes: tuple[Event, ...] = ()
+    head_angles: tuple[AxisReading, ...] = ()
 
 
 def locate(detections: TagDetections, histories: Histories, rig: Rig, priors: Mapping[str, Transform]) -> Located:
@@ -58,7 +60,16 @@ def locate(detections: TagDetections, histories: Histories, rig: Rig, priors: Ma
         _warning(detections, name, f"{camera.id} sees tags that do not fit its size, place or upright stand: not used")
         for name in misfits
     )
-    return Located(found, sightings, unlisted, notes)
+    return Located(found, sightings, unlisted, notes, _head_angles(camera, rig, carried, found))
+
+
+def _head_angles(
+    camera: CameraSpec, rig: Rig, carried: CameraPose | None, found: CameraPose
+) -> tuple[AxisReading, ...]:
+    match camera.mount:
+        case HeadMount(head=name) if found is not carried:
+            return head_angles(rig.heads[name], camera.mount, carried, found)
+    return ()
 
 
 def _with_anchors(

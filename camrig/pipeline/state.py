@@ -59,6 +59,8 @@ class Outputs:
     commands: tuple[Command, ...] = ()
     expected: tuple[Expected, ...] | None = None
     """Where tags are expected; a camera that is not among them looks at its whole pictures. None: as before."""
+    head_angles: tuple[AxisReading, ...] = ()
+    """What cameras saw of their heads' angles by anchors: for drivers that have no better way to know them."""
 
 
 @dataclass(frozen=True)

@@ -94,6 +94,8 @@ class Control:
                     self.devices.heads[name].commands.put(aim)
                 case DroneCommand(drone_id=name, aim=drone_aim):
                     self.devices.drones[name].commands.put(drone_aim)
+        for reading in outputs.head_angles:
+            self.devices.heads[reading.head_id].seen.put(reading)
 
     def _expect(self, outputs: Outputs) -> None:
         if outputs.expected is None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from camrig.clock import Clock
 from camrig.detect import detect_tags
 from camrig.errors import HardwareError, LinkLost, NotEnabledError
-from camrig.interfaces import Camera, CountsItsLink, Drone, Head, TagDetector
+from camrig.interfaces import Camera, CountsItsLink, Drone, Head, LearnsItsAngles, TagDetector
 from camrig.messages import (
     AxisReading,
     DroneAim,
@@ -101,6 +101,8 @@ class HeadJob:
     guardian: GuardianLink
     auto_enable: bool
     readings: Mailbox[AxisReading] = field(default_factory=lambda: Mailbox(READINGS_KEPT))
+    seen: Mailbox[AxisReading] = field(default_factory=lambda: Mailbox(READINGS_KEPT))
+    """Its angles as its camera saw them by anchors."""
     commands: Mailbox[HeadAim] = field(default_factory=lambda: Mailbox(1))
     polls: int = 0
     answers: int = 0
@@ -134,6 +136,7 @@ class HeadJob:
 
     def open(self) -> None:
         self.commands.clear()  # nothing commanded before a link was lost is replayed
+        self.seen.clear()
         if (order := self._order) is not None:
             order.give_up()
         self.head.open()
@@ -148,6 +151,7 @@ class HeadJob:
             if not self._wanted.is_set():  # stopped between the question and the answer: the stop has the last word
                 self._enabled = False
                 self.head.stop()
+        self._learn()
         planned, order = self.commands.take_all(), self._order
         if order is None:
             for aim in planned:
@@ -161,6 +165,12 @@ class HeadJob:
             self.readings.put(reading)
         if order is not None and order.due(readings):
             self._tell(order)
+
+    def _learn(self) -> None:
+        seen = self.seen.take_all()
+        if isinstance(self.head, LearnsItsAngles):
+            for reading in seen:
+                self.head.correct(reading)
 
     def _move_to(self, aim: HeadAim) -> bool:
         """Send the head there; tell whether it was sent."""

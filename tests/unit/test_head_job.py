@@ -13,7 +13,8 @@ import pytest
 from camrig.clock import ManualClock
 from camrig.errors import HardwareError, LinkLost
 from camrig.interfaces import Guard
-from camrig.messages import HeadAim
+from camrig.messages import AxisReading, HeadAim
+from camrig.rig import HeadSpec
 from camrig.runtime.guardian_link import GuardianLink
 from camrig.runtime.jobs import HeadJob
 from camrig_emulators.fakes import FakeHead
@@ -266,6 +267,40 @@ def test_a_head_is_not_served_without_its_guardian(fake_head: FakeHead, guardian
     with pytest.raises(HardwareError, match=r"guardian process is gone .*'pt1' must not be enabled"):
         job.open()
     job.close()
+
+
+class Measured(FakeHead):
+    """A head whose driver takes what anchors show of its angles."""
+
+    def __init__(self, spec: HeadSpec) -> None:
+        super().__init__(spec)
+        self.told: list[AxisReading] = []
+
+    def correct(self, reading: AxisReading) -> None:
+        self.told.append(reading)
+
+
+def test_what_anchors_show_of_it_reaches_the_driver_that_wants_it(guardian: GuardianLink, fake_head: FakeHead) -> None:
+    head = Measured(fake_head.spec)
+    job = head_job(head, guardian)
+    job.open()
+    shown = AxisReading("pt1", "pan", 0.3, 1.0, 0.001, 0.0005)
+    job.seen.put(shown)
+    job.turn()
+    job.turn()
+    assert head.told == [shown]
+    job.seen.put(shown)
+    job.close()
+    job.open()  # what was seen before a link was lost tells nothing of the head that came back
+    job.turn()
+    assert head.told == [shown]
+    job.close()
+
+
+def test_a_driver_that_measures_itself_is_left_alone(job: HeadJob) -> None:
+    job.seen.put(AxisReading("pt1", "pan", 0.3, 1.0, 0.001, 0.0005))
+    job.turn()
+    assert len(job.seen.take_all()) == 0
 
 
 class TestOperatorsAim:

@@ -10,7 +10,7 @@ from camrig.locate import HeadHistory
 from tests.pelco_d_accuracy import Frames, random_moves, rig_of
 
 GRADES = ("absolute", "velocity", "open_loop")
-_CAUTIOUS = 1.7
+_CAUTIOUS = 0.9
 
 
 def judged(frames: Frames, name: str, least: float) -> None:
@@ -26,7 +26,7 @@ def judged(frames: Frames, name: str, least: float) -> None:
         f"p95 moving {frames.of(moving=True).p95_deg():.3f} deg"
     )
     assert frames.within_3_sigma >= least
-    assert (_CAUTIOUS if name.startswith("velocity") else low) <= frames.nees <= high
+    assert (_CAUTIOUS * low if name.startswith("velocity") else low) <= frames.nees <= high
     assert frames.unknown <= 0.01 * len(frames.moving)
 
 

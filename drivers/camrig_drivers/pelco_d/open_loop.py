@@ -1,8 +1,8 @@
 """Pointing without any reply: speed bytes by the clock, and an angle that is reckoned, never measured.
 
-The head is unknown until it has zeroed itself by a preset or its end stops, or something else measured where it looks
-(``correct``); from then on the sigma of its angles grows with every motion, and a sigma beyond the section's bound
-makes it zero itself again before it moves on. Targets keep three sigma from the limits.
+The head is unknown until it has zeroed itself by a preset or its end stops, or anchors in its camera's picture measured
+where it looks (``correct``); from then on the sigma of its angles grows with every motion until the next anchor, and
+one beyond the section's bound makes it zero itself again before it moves on. Targets keep three sigma from the limits.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from camrig.geometry.rotation import wrap_angle
 from camrig.messages import AxisReading
 from camrig_drivers.pelco_d.axis import SpeedTable
 from camrig_drivers.pelco_d.codec import Axis, Op
@@ -98,8 +99,13 @@ class OpenLoop:
                 run.reckoning.command(0.0, now_s)
 
     def correct(self, axis: Axis, angle_rad: float, stamp_s: float, sigma_rad: float) -> None:
-        """Take what was measured of an axis at a stamp of the last seconds."""
+        """Take what was measured of an axis at a stamp of the last seconds, if it is surer than what is reckoned.
+
+        Measurements share errors (where the anchors hang, the lens), so more of them in a row do not make it surer.
+        """
         run, now_s = self._runs[axis], self.parts.clock.now_s()
+        if self._zeroed_s is not None:
+            return
         if run.reckoning is None:
             if all(other.byte == 0 for other in self._runs.values()):
                 run.reckoning = Reckoning(run.model, angle_rad, sigma_rad**2)
@@ -109,10 +115,13 @@ class OpenLoop:
             return
         run.reckoning.settle(now_s)
         variance = run.reckoning.variance
-        run.reckoning.correct(angle_rad - reckoned_rad, variance / (variance + sigma_rad**2))
-        run.past.clear()
+        if sigma_rad**2 < variance:
+            run.reckoning.correct(wrap_angle(angle_rad - reckoned_rad), variance / (variance + sigma_rad**2))
+            run.past.clear()
 
     def _needs_zero(self) -> bool:
+        if self._section.zero.by == "anchors":  # nowhere to go for it: it stands until one is in view
+            return False
         now_s, bound_rad = self.parts.clock.now_s(), math.radians(self._section.rezero_above_deg)
         reckonings = [run.reckoning for run in self._runs.values()]
         return any(reckoning is None or reckoning.sigma_rad(now_s) > bound_rad for reckoning in reckonings)
@@ -135,7 +144,9 @@ class OpenLoop:
 
     def _zero_rad(self, axis: Axis) -> float:
         zero = self._section.zero
-        return math.radians(zero.pan_deg if axis is Axis.PAN else zero.tilt_deg)
+        angle_deg = zero.pan_deg if axis is Axis.PAN else zero.tilt_deg
+        assert angle_deg is not None, "checked by the section wherever a zero has a place"
+        return math.radians(angle_deg)
 
     def _end_zero(self, wire: Wire) -> None:
         assert self._zeroed_s is not None

@@ -78,15 +78,15 @@ class AxesSection(BaseModel):
 
 
 class ZeroSection(BaseModel):
-    """How an open-loop head finds out where it is: a preset whose direction is known, or its end stops."""
+    """How an open-loop head finds out where it is: a preset whose direction is known, end stops, or anchors alone."""
 
     model_config = _STRICT
 
-    by: Literal["preset", "end_stops"]
+    by: Literal["preset", "end_stops", "anchors"]
     preset: Annotated[int, Field(ge=1, le=255)] | None = None
-    pan_deg: float
+    pan_deg: float | None = None
     """Of the preset, or of the end stop that is driven into."""
-    tilt_deg: float
+    tilt_deg: float | None = None
     sigma_deg: SigmaDeg = 0.5
     travel_s: Annotated[float, Field(gt=0.0, le=300.0)] = 20.0
     """How long the longest way there takes."""
@@ -95,6 +95,8 @@ class ZeroSection(BaseModel):
     def _complete(self) -> ZeroSection:
         if (self.by == "preset") != (self.preset is not None):
             raise ValueError("preset goes with by: preset, and by: preset needs it")
+        if any((self.by == "anchors") != (angle is None) for angle in (self.pan_deg, self.tilt_deg)):
+            raise ValueError("pan_deg and tilt_deg go with by: preset and by: end_stops, which need both")
         return self
 
 
