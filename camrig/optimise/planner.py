@@ -21,7 +21,7 @@ from camrig.optimise.kernels.descent import Table
 from camrig.optimise.kernels.problem import Problem
 from camrig.optimise.objective import better
 from camrig.optimise.places import vector_of
-from camrig.optimise.polish import QUICK, compass, finish, kicked, sqp
+from camrig.optimise.polish import compass, finish, kicked, quick_steps, sqp
 from camrig.optimise.problem import problem_of
 from camrig.optimise.scene import Scene, with_yaws
 from camrig.optimise.search import Expired, Start, search, table_of
@@ -29,25 +29,30 @@ from camrig.optimise.widen import widened
 
 
 class _Effort(NamedTuple):
-    """How many greedy and random starts descend, how many of them are polished roughly and then well, and kicks."""
+    """How many greedy and random starts descend, how many of them are polished roughly and then well; how many kicks
+    there are at most, and their rounds times cameras times pairs that can see each other.
+    """
 
     greedy: int
     starts: int
     rough: int
     polished: int
     kicks: int
+    kick_work: int
 
 
-_PLAIN, _HARD, _HARDEST = _Effort(3, 10, 8, 4, 10), _Effort(3, 16, 8, 8, 60), _Effort(3, 24, 16, 16, 60)
-"""For the cone; for the image, whose edges make many more local optima; for the worst target, with more still."""
-_LARGE = _Effort(1, 0, 1, 1, 0)
+_PLAIN = _Effort(3, 10, 8, 4, 10, 1_250)
+_HARD = _Effort(3, 16, 8, 8, 60, 1_500)
+_HARDEST = _Effort(3, 24, 16, 16, 60, 15_000)
+"""For the cone; for the image, whose edges make many more local optima; for the worst target, with more still: its cost
+hardly tells a camera that does not see that target where to go, and a kick does.
+"""
+_LARGE = _Effort(1, 0, 1, 1, 0, 0)
 """For a rig in which hardly anybody shares a target: there, one start is nearly as good as many."""
 _START_WORK = 1_200_000
 """Entries of all candidates' rows that the random starts together may look at in one sweep."""
 _EMPHASIS = 0.3
 """Standard deviation of the logarithms of the weights that lead a random start somewhere else."""
-_KICK_WORK = 1_500
-"""Rounds of kicks times cameras times pairs that can see each other."""
 _WIDENED_PAIRS = 500
 """Pairs that can see each other, up to which letting cameras see a target more is worth its time."""
 STAYS_FREE = Motion()
@@ -131,11 +136,12 @@ def _running(task: Task, scene: Scene, aims: Mapping[str, Aim]) -> Configuration
 
 def _quick(task: Task, running: Configuration, proposed: list[Configuration], expired: Expired) -> Configuration:
     """Return the best of what lies about the running configuration, or about a proposal that is clearly better."""
-    best = sqp(task, compass(task, running, expired, steps=QUICK), expired, rough=True)
+    steps = quick_steps(task)
+    best = sqp(task, compass(task, running, expired, steps=steps), expired, rough=True)
     for other in proposed:
         if expired():
             break
-        improved = sqp(task, compass(task, other, expired, steps=QUICK), expired, rough=True)
+        improved = sqp(task, compass(task, other, expired, steps=steps), expired, rough=True)
         if better(improved.score, best.score, _ADOPTED_SHARE):
             best = improved
     return best
@@ -173,7 +179,7 @@ def _polished(
         return found[:1]
     effort = _effort(task)
     rough = _ranked([compass(task, each, expired) for each in found[: effort.rough]])
-    rounds = min(effort.kicks, _KICK_WORK // max(len(table.block) * len(task.reachable), 1))
+    rounds = min(effort.kicks, effort.kick_work // max(len(table.block) * len(task.reachable), 1))
     rough = [kicked(task, table, rough[0], rounds, rng, expired), *rough]
     return [sqp(task, each, expired, rough=True) for each in _ranked(rough)[: effort.polished]]
 
