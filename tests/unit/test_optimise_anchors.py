@@ -36,7 +36,7 @@ def in_view(scene: Scene, plan: RigPlan) -> list[bool]:
     return [bool(anchored(problem, i, here.vectors[i])) for i in range(len(scene.cameras))]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(
     spots=st.lists(XY, min_size=1, max_size=4),
     anchors=st.lists(XY, min_size=1, max_size=3),
