@@ -15,14 +15,13 @@ from dataclasses import dataclass
 from camrig.errors import InputError
 from camrig_emulators.fault_script import FaultScript, Happening
 from camrig_emulators.faults import Faults
+from camrig_emulators.head_line import Stamped, shared_baud
 from camrig_emulators.pelco_d_device import Answer, PelcoDHead
 from camrig_emulators.pelco_d_settings import PelcoDHeadSettings
 from camrig_emulators.pelco_d_wire import Command, CommandParser
 
 BITS_PER_BYTE = 10
 LOG_LENGTH = 20_000
-
-Stamped = tuple[float, bytes]
 
 
 @dataclass(slots=True)
@@ -41,11 +40,7 @@ class PelcoDBus:
     def __init__(
         self, heads: Sequence[PelcoDHeadSettings], faults: Faults, seed: int = 0, script: FaultScript | None = None
     ) -> None:
-        if len({head.id for head in heads}) < len(heads):
-            raise InputError(f"heads of one emulated line need ids of their own, not {[head.id for head in heads]}")
-        if len(bauds := {head.baud for head in heads}) != 1:
-            raise InputError(f"heads of one emulated line share one baud rate, not {sorted(bauds)}")
-        self.baud = heads[0].baud
+        self.baud = shared_baud(heads)
         self.byte_s = BITS_PER_BYTE / self.baud
         self.heads = {head.id: PelcoDHead(head, random.Random(f"{seed} {head.id}")) for head in heads}
         self.received: deque[Stamped] = deque(maxlen=LOG_LENGTH)

@@ -12,8 +12,8 @@ import random
 from collections import deque
 from collections.abc import Sequence
 
-from camrig.errors import InputError
 from camrig_emulators.faults import Faults
+from camrig_emulators.head_line import Stamped, shared_baud
 from camrig_emulators.visca_device import Answer, ViscaHead
 from camrig_emulators.visca_settings import ViscaHeadSettings
 from camrig_emulators.visca_wire import BROADCAST, Message, MessageParser
@@ -21,18 +21,12 @@ from camrig_emulators.visca_wire import BROADCAST, Message, MessageParser
 BITS_PER_BYTE = 10
 LOG_LENGTH = 20_000
 
-Stamped = tuple[float, bytes]
-
 
 class ViscaBus:
     """Advances by events: ``receive`` what the master wrote, ``transmit`` what has come through by now."""
 
     def __init__(self, heads: Sequence[ViscaHeadSettings], faults: Faults, seed: int = 0) -> None:
-        if len({head.id for head in heads}) < len(heads):
-            raise InputError(f"heads of one emulated line need ids of their own, not {[head.id for head in heads]}")
-        if len(bauds := {head.baud for head in heads}) != 1:
-            raise InputError(f"heads of one emulated line share one baud rate, not {sorted(bauds)}")
-        self.baud = heads[0].baud
+        self.baud = shared_baud(heads)
         self.byte_s = BITS_PER_BYTE / self.baud
         self.heads = {head.id: ViscaHead(head, random.Random(f"{seed} {head.id}")) for head in heads}
         self.received: deque[Stamped] = deque(maxlen=LOG_LENGTH)

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from camrig.clock import Clock, RealClock
 from camrig.errors import InputError
 from camrig.interfaces import Plugin
 from camrig_emulators.faults import Faults
-from camrig_emulators.pty_line import PtyLine
+from camrig_emulators.head_line import HeadLine, Stamped
 from camrig_emulators.udp_port import UdpPort
-from camrig_emulators.visca_bus import Stamped, ViscaBus
+from camrig_emulators.visca_bus import ViscaBus
 from camrig_emulators.visca_device import ViscaHead
 from camrig_emulators.visca_settings import ViscaEmulatorSection, ViscaHeadSettings
 from camrig_emulators.visca_udp import ViscaDatagrams
@@ -26,85 +26,18 @@ __all__ = ["ViscaEmulatorSection", "ViscaHeadSettings", "ViscaLine", "ViscaUdpHe
 _REAL_CLOCK = RealClock()
 
 
-class ViscaLine:
-    """One serial line with one or more heads. Everything here may be called from any thread.
-
-    Until ``start`` there is neither a thread nor a port: with ``receive``, ``transmit`` and ``next_s`` a test steps
-    the line by itself, in whatever time it likes.
-    """
+class ViscaLine(HeadLine[ViscaHead]):
+    """One line of VISCA heads."""
 
     def __init__(
         self, heads: Sequence[ViscaHeadSettings], *, clock: Clock = _REAL_CLOCK, seed: int = 0, name: str = "visca"
     ) -> None:
         """Build the line; ``name`` is the last part of the port's path. Raises InputError for heads that clash."""
-        self.faults = Faults()
-        self._clock = clock
-        self._lock = threading.RLock()
-        self._bus = ViscaBus(heads, self.faults, seed)
-        self.baud: int = self._bus.baud
-        self._line = PtyLine(name, self, clock=clock, faults=self.faults)
+        faults = Faults()
+        super().__init__(ViscaBus(heads, faults, seed), faults, clock, name)
 
-    @property
-    def head_faults(self) -> Mapping[str, Faults]:
-        """The faults of single heads, by id; those of the whole line are ``faults``."""
-        return {name: head.faults for name, head in self._bus.heads.items()}
-
-    @property
-    def received(self) -> list[Stamped]:
-        """Every message that came over the wire, to any address: (end of its last byte, bytes)."""
-        with self._lock:
-            return list(self._bus.received)
-
-    @property
-    def sent(self) -> list[Stamped]:
-        """Every answer that went out, as far as faults left it whole: (end of its last byte, bytes)."""
-        with self._lock:
-            return list(self._bus.sent)
-
-    @property
-    def port(self) -> str:
-        """The path that a driver opens; raises RuntimeError before ``start``."""
-        return self._line.path
-
-    def start(self) -> str:
-        self._line.start()
-        return self._line.path
-
-    def stop(self) -> None:
-        self._line.stop()
-
-    def true_angles_rad(self, head_id: str, stamp_s: float) -> tuple[float, float]:
-        """Return where the optics of a head truly pointed: pan and tilt of docs/frames-and-units.md.
-
-        Exact for any stamp of the last minute; a stamp to come is where the commands heard so far lead.
-        """
-        with self._lock:
-            self._bus.advance(self._clock.now_s())
-            return _radians(self._bus.heads[head_id].true_angles_deg(stamp_s))
-
-    def describe(self) -> str:
-        with self._lock:
-            now_s = self._clock.now_s()
-            self._bus.advance(now_s)
-            return "; ".join(_description(head, now_s) for head in self._bus.heads.values())
-
-    # --- the far end of a serial line (pty_line.SerialDevice) -------------------------------------------------
-
-    def receive(self, data: bytes, now_s: float, baud: int) -> None:
-        with self._lock:
-            self._bus.receive(data, now_s, baud)
-
-    def transmit(self, now_s: float, baud: int) -> bytes:
-        with self._lock:
-            return self._bus.transmit(now_s, baud)
-
-    def next_s(self) -> float | None:
-        with self._lock:
-            return self._bus.next_s()
-
-    def cut(self) -> None:
-        with self._lock:
-            self._bus.cut()
+    def _describe(self, name: str, now_s: float) -> str:
+        return _description(self._bus.heads[name], now_s)
 
 
 class ViscaUdpHead:
