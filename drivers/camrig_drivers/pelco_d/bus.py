@@ -16,7 +16,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -26,6 +26,7 @@ from camrig_drivers.pelco_d.codec import COMMAND_BYTES, Command, Echo, Extended,
 from camrig_drivers.pelco_d.commands import STOP
 from camrig_drivers.pelco_d.timing import Answer, LinkStatistics, Miss, ReplyTime, timed
 from camrig_drivers.serial_port import Port, SerialPort
+from camrig_drivers.turns import Turns
 
 T = TypeVar("T")
 
@@ -64,10 +65,10 @@ class Bus:
         self.settings = settings
         self.clock = clock
         self._open_port = open_port
-        self._changed = make_condition()
-        self._queue: deque[object] = deque()
-        self._stops_waiting = 0
-        self._busy = False
+        self._turns = Turns(
+            self._wake, quiet_s=lambda: self._quiet_from_s - clock.now_s(), make_condition=make_condition
+        )
+        self._lock = threading.Lock()
         self._quiet_from_s = 0.0
         self._owed_stops: deque[bytes] = deque()
         self._port: SerialPort | None = None
@@ -75,13 +76,13 @@ class Bus:
 
     def attach(self, address: int) -> Link:
         """Open the line where it is not, and return one head's use of it; raises LinkLost. Sends nothing."""
-        with self._turn():
+        with self._holding(self._turns.turn(), None):
             if self._port is None:
                 self._port = self._open_port(self.settings.port, self.settings.baud)
                 self._owed_stops.clear()
                 self._quiet_from_s = self.clock.now_s()
             link = Link(self, self._port, address)
-            with self._changed:
+            with self._lock:
                 self._links.add(link)
         return link
 
@@ -89,7 +90,7 @@ class Bus:
         """End a link; the last one closes the port once every stop is out. Raises nothing."""
         with suppress(LinkLost):
             self._in_turn(link.port, lambda: self._leave(link))
-        with self._changed:
+        with self._lock:
             self._links.discard(link)
 
     def query(self, port: SerialPort, request: Request, timeout_s: float) -> Answer | Miss:
@@ -109,84 +110,52 @@ class Bus:
 
     def stop(self, port: SerialPort, frame: bytes) -> None:
         """Send a stop frame now, ahead of the queue, and owe its repetition; raises LinkLost."""
-        with self._stop_turn(port):
+        with self._holding(self._turns.stop_turn(), port):
             if frame not in self._owed_stops:
                 self._owed_stops.append(frame)
             self._transmit(port, frame)
 
     def _leave(self, link: Link) -> None:
-        with self._changed:
+        with self._lock:
             self._links.discard(link)
-            if not any(other.port is link.port for other in self._links):
-                self._drop(link.port)
+            last = not any(other.port is link.port for other in self._links)
+        if last:
+            self._drop(link.port)
 
     def _in_turn(self, port: SerialPort, work: Callable[[], T]) -> T:
         """Run ``work`` with the line to itself, after the stops that are still owed; each frame has its own gap."""
         while True:
-            with self._turn(port):
+            with self._holding(self._turns.turn(), port):
                 if not self._owed_stops:
                     return work()
                 self._transmit(port, self._owed_stops.popleft())
 
     @contextmanager
-    def _turn(self, port: SerialPort | None = None) -> Iterator[None]:
-        ticket = object()
-        with self._changed:
-            self._queue.append(ticket)
+    def _holding(self, turn: AbstractContextManager[None], port: SerialPort | None) -> Iterator[None]:
+        """Take a turn; one in which the port proves lost closes it."""
+        with turn:
             try:
-                while (wait_s := self._wait_s(ticket)) is None or wait_s > 0.0:
-                    self._changed.wait(wait_s)
-                self._busy = True
-            finally:
-                self._queue.remove(ticket)
-                self._changed.notify_all()
-        with self._holding(port):
-            yield
-
-    def _wait_s(self, ticket: object) -> float | None:
-        """Return how long to wait for the line's quiet, None for until something changes."""
-        if self._busy or self._stops_waiting or self._queue[0] is not ticket:
-            return None
-        return self._quiet_from_s - self.clock.now_s()
-
-    @contextmanager
-    def _stop_turn(self, port: SerialPort) -> Iterator[None]:
-        with self._changed:
-            self._stops_waiting += 1
-            try:
-                if self._busy and port.is_open:
-                    port.wake()
-                self._changed.wait_for(lambda: not self._busy)
-                self._busy = True
-            finally:
-                self._stops_waiting -= 1
-                self._changed.notify_all()
-        with self._holding(port):
-            yield
-
-    @contextmanager
-    def _holding(self, port: SerialPort | None) -> Iterator[None]:
-        try:
-            self._require_current(port)
-            yield
-        except LinkLost:
-            if port is not None:
-                self._drop(port)
-            raise
-        finally:
-            with self._changed:
-                self._busy = False
-                self._changed.notify_all()
+                self._require_current(port)
+                yield
+            except LinkLost:
+                if port is not None:
+                    self._drop(port)
+                raise
 
     def _require_current(self, port: SerialPort | None) -> None:
         if port is not None and port is not self._port:
             raise LinkLost(f"serial port {port.path} was lost or closed")
 
     def _drop(self, port: SerialPort) -> None:
-        with self._changed:  # so that no stop wakes a port that is being closed
+        with self._lock:  # so that no stop wakes a port that is being closed
             port.close()
             if self._port is port:
                 self._port = None
+
+    def _wake(self) -> None:
+        with self._lock:
+            if self._port is not None and self._port.is_open:
+                self._port.wake()
 
     def _transmit(self, port: SerialPort, frame: bytes) -> float:
         """Write a frame; return the time at which its last bit will have left."""
@@ -202,7 +171,7 @@ class Bus:
         deadline_s = asked_s + reply_s + timeout_s
         received, heard_s, miss = b"", asked_s, Miss.SILENT
         while (left_s := deadline_s - self.clock.now_s()) > 0.0:
-            if self._stops_waiting:
+            if self._turns.stop_waits:
                 self._quiet_until(min(deadline_s, self.clock.now_s() + _REPEAT_S))  # the head may still be talking
                 return Miss.CUT
             echoed = COMMAND_BYTES if received.startswith(request.frame) else 0

@@ -21,6 +21,7 @@ from enum import StrEnum
 
 from camrig.clock import Clock
 from camrig.errors import LinkLost
+from camrig_drivers.turns import Turns
 from camrig_drivers.visca.codec import (
     SOCKETS,
     Acknowledged,
@@ -32,7 +33,6 @@ from camrig_drivers.visca.codec import (
     message,
 )
 from camrig_drivers.visca.transport import Heard, Transport
-from camrig_drivers.visca.turns import Turns
 
 _log = logging.getLogger(__name__)
 

@@ -11,10 +11,19 @@ from contextlib import contextmanager
 class Turns:
     """Any thread; whoever is inside ``turn`` or ``stop_turn`` has the line to itself."""
 
-    def __init__(self, wake: Callable[[], None]) -> None:
-        """Build them; ``wake`` makes a listener look at ``stop_waits`` at once."""
+    def __init__(
+        self,
+        wake: Callable[[], None],
+        *,
+        quiet_s: Callable[[], float] = lambda: 0.0,
+        make_condition: Callable[[], threading.Condition] = threading.Condition,
+    ) -> None:
+        """Build them; ``wake`` makes a listener look at ``stop_waits`` at once, ``quiet_s`` tells how much longer the
+        line must be quiet before the next turn. A stop does not wait for that. Simulated time brings its condition.
+        """
         self._wake = wake
-        self._changed = threading.Condition()
+        self._quiet_s = quiet_s
+        self._changed = make_condition()
         self._queue: deque[object] = deque()
         self._stops_waiting = 0
         self._busy = False
@@ -31,12 +40,19 @@ class Turns:
         with self._changed:
             self._queue.append(ticket)
             try:
-                self._changed.wait_for(lambda: not (self._busy or self._stops_waiting) and self._queue[0] is ticket)
+                while (wait_s := self._wait_s(ticket)) is None or wait_s > 0.0:
+                    self._changed.wait(wait_s)
                 self._busy = True
             finally:
                 self._queue.remove(ticket)
                 self._changed.notify_all()
         yield from self._holding()
+
+    def _wait_s(self, ticket: object) -> float | None:
+        """Return how long to wait for the line's quiet, None for until something changes."""
+        if self._busy or self._stops_waiting or self._queue[0] is not ticket:
+            return None
+        return self._quiet_s()
 
     @contextmanager
     def stop_turn(self) -> Iterator[None]:
