@@ -12,7 +12,9 @@ from camrig.interfaces import Published, Sink
 from camrig.messages import DroneCommand, Event, HeadCommand, Level, LinkReport, LinkStatus
 from camrig.pipeline import Inputs, Outputs, Settings, State, begin, rescan, step
 from camrig.rig import Rig
-from camrig.runtime.jobs import CameraJob, DroneJob, HeadJob
+from camrig.runtime.camera_job import CameraJob
+from camrig.runtime.drone_job import DroneJob
+from camrig.runtime.head_job import HeadJob
 from camrig.runtime.mailbox import Mailbox
 from camrig.runtime.planner_link import PlannerLink
 

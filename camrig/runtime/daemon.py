@@ -16,9 +16,11 @@ from camrig.interfaces import Sink
 from camrig.messages import FlightState, HeadAim, LinkReport
 from camrig.pipeline import Settings
 from camrig.runtime.build import make_detector, make_devices, make_sinks
+from camrig.runtime.camera_job import CameraJob
 from camrig.runtime.control import TICK_S, Control, Devices
+from camrig.runtime.drone_job import DroneJob
 from camrig.runtime.guardian_link import GuardianLink
-from camrig.runtime.jobs import CameraJob, DroneJob, HeadJob
+from camrig.runtime.head_job import HeadJob
 from camrig.runtime.mailbox import Mailbox
 from camrig.runtime.notify import Notifier
 from camrig.runtime.operator_status import View

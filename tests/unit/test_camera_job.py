@@ -13,7 +13,7 @@ from camrig.clock import ManualClock
 from camrig.errors import EndOfInput, LinkLost
 from camrig.geometry.arrays import GreyImage
 from camrig.messages import Expected, Level, TagDetection
-from camrig.runtime.jobs import WHOLE_EVERY_S, CameraJob
+from camrig.runtime.camera_job import WHOLE_EVERY_S, CameraJob
 from camrig_emulators.fakes import FakeCamera
 
 WHOLE = (480, 640)

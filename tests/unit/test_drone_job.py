@@ -10,7 +10,7 @@ import pytest
 from camrig.clock import ManualClock
 from camrig.errors import HardwareError, LinkLost
 from camrig.messages import DroneAim, FlightState
-from camrig.runtime.jobs import DroneJob
+from camrig.runtime.drone_job import DroneJob
 from camrig_emulators.fakes import FakeDrone
 from tests.runtime_parts import in_a_thread, nothing
 

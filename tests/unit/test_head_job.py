@@ -16,7 +16,7 @@ from camrig.interfaces import Guard
 from camrig.messages import AxisReading, HeadAim
 from camrig.rig import HeadSpec
 from camrig.runtime.guardian_link import GuardianLink
-from camrig.runtime.jobs import HeadJob
+from camrig.runtime.head_job import HeadJob
 from camrig_emulators.fakes import FakeHead
 from tests.runtime_parts import in_a_thread, nothing, until
 

@@ -14,7 +14,7 @@ from camrig.messages import HeadAim
 from camrig.runtime.control import Devices
 from camrig.runtime.daemon import Daemon
 from camrig.runtime.guardian_link import GuardianLink
-from camrig.runtime.jobs import HeadJob
+from camrig.runtime.head_job import HeadJob
 from camrig_emulators.fakes import FakeHead
 
 RIG = """\
