@@ -46,6 +46,13 @@ def test_a_stamp_of_another_clock_is_not_used(clock: int) -> None:
     assert stamp == at(50.0 - 0.015, known=False)
 
 
+@pytest.mark.parametrize("clock", [UNKNOWN_CLOCK, COPY])
+def test_a_recent_stamp_of_a_clock_without_a_name_is_ours(clock: int) -> None:
+    """v4l2loopback names no clock; its pictures may be handed on long after they were taken."""
+    assert mid_exposure(49.2, clock, 50.0, exposure_s=0.01, readout_s=0.02) == at(49.2 - 0.015, known=False)
+    assert mid_exposure(30.0, clock, 50.0, exposure_s=0.01, readout_s=0.02) == at(50.0 - 0.015, known=False)
+
+
 def test_a_stamp_of_the_future_is_not_used() -> None:
     assert mid_exposure(50.03, MONOTONIC, 50.0, exposure_s=0.01, readout_s=0.0) == at(49.995, known=False)
 

@@ -16,6 +16,9 @@ from typing import NamedTuple
 
 from camrig_drivers.v4l2 import abi
 
+_RECENT_S = 10.0
+"""A stamp of a clock that is not named is ours if it is of so short ago: wall clocks are decades away."""
+
 
 class Stamp(NamedTuple):
     """``known`` only where the clock, the kind of stamp and the exposure time all are."""
@@ -28,15 +31,17 @@ def mid_exposure(buffer_s: float, flags: int, now_s: float, *, exposure_s: float
     """Return the stamp of a frame whose buffer was dequeued at ``now_s``.
 
     A buffer's stamp of another clock, or ahead of ours, is no time of ours: the end of the frame is then taken to be
-    now. An unknown exposure time counts as zero. Either way the stamp is not known.
+    now. Of a clock that the device does not name (v4l2loopback's) it is used where it can be ours. An unknown exposure
+    time counts as zero. In all these cases the stamp is not known.
     """
     half_s = 0.5 * (readout_s + (exposure_s or 0.0))
-    clock = flags & abi.BUF_FLAG_TIMESTAMP_MASK
-    if clock != abi.BUF_FLAG_TIMESTAMP_MONOTONIC or buffer_s > now_s:
+    ours = flags & abi.BUF_FLAG_TIMESTAMP_MASK == abi.BUF_FLAG_TIMESTAMP_MONOTONIC
+    if buffer_s > now_s or not (ours or now_s - buffer_s < _RECENT_S):
         return Stamp(now_s - half_s, known=False)
+    known = ours and exposure_s is not None
     source = flags & abi.BUF_FLAG_TSTAMP_SRC_MASK
     if source == abi.BUF_FLAG_TSTAMP_SRC_SOE:
-        return Stamp(buffer_s + half_s, exposure_s is not None)
+        return Stamp(buffer_s + half_s, known)
     if source == abi.BUF_FLAG_TSTAMP_SRC_EOF:
-        return Stamp(buffer_s - half_s, exposure_s is not None)
+        return Stamp(buffer_s - half_s, known)
     return Stamp(buffer_s, known=False)
