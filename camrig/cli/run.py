@@ -43,8 +43,9 @@ def run(
     log_to_stderr()
     spread, events = SpreadSink(), RecentEvents()
     loaded = load_rig(config)
-    with claimed(loaded.rig.name, runtime_folder()) as listener:
-        rig = Run(config, loaded, [spread, events], lambda daemon: _serving(listener, daemon, events))
+    folder = runtime_folder()
+    with claimed(loaded.rig.name, folder) as listener:
+        rig = Run(config, loaded, [spread, events], lambda daemon: _serving(listener, daemon, events), kept_in=folder)
         with stopped_by_signals(rig), reloaded_by_signals(rig):
             rig.until(rig.clock.now_s() + seconds if seconds else float("inf"))
     if as_json:

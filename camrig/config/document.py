@@ -29,11 +29,12 @@ class StrictModel(BaseModel):
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed YAML file: plain data, and the line (from 1) on which each key path stands."""
+    """A parsed YAML file: plain data, the line (from 1) on which each key path stands, and the text itself."""
 
     file: str
     data: dict[str, Any]
     lines: Mapping[KeyPath, int]
+    text: str = ""
 
     def fault(self, at: KeyPath, message: str) -> Fault:
         """Return the fault ``message`` at a key path, with the line of its nearest ancestor in the file."""
@@ -108,7 +109,7 @@ def load_document(path: Path) -> Document:
         _collect(loader, root, (), lines, faults, file)
         if faults:
             raise ConfigError(faults)
-        return Document(file, loader.construct_document(root), lines)
+        return Document(file, loader.construct_document(root), lines, text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         problem = " ".join(part for part in (error.context, error.problem) if part)

@@ -89,6 +89,8 @@ class RigConfig:
     detector: PluginConfig[Plugin[Any]]
     outputs: tuple[PluginConfig[Plugin[Any]], ...]
     world: PluginConfig[WorldPlugin] | None
+    text: str
+    """What was read."""
 
     def with_ports(self, ports: Mapping[str, str]) -> RigConfig:
         """Return the configuration with the ports and urls that a started world gave its devices."""
@@ -167,7 +169,7 @@ class _Reader:
         by_id: dict[DeviceGroup, Mapping[str, DeviceConfig]] = {
             group: {self._id_at(at): device for at, device in found.items()} for group, found in devices.items()
         }
-        return RigConfig(file.document.file, rig, planner, fusion, by_id, detector, outputs, world)
+        return RigConfig(file.document.file, rig, planner, fusion, by_id, detector, outputs, world, file.document.text)
 
     def _check_together(
         self,

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import socket
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
 from camrig.errors import CamrigError, HardwareError, InputError, PartialError
-from camrig.runtime.operator_socket import SYSTEM_FOLDER, runtime_folder, socket_path
+from camrig.runtime.operator_socket import SYSTEM_FOLDER, is_trusted, runtime_folder, socket_path
 
 ANSWER_TIMEOUT_S = 5.0
 _ERRORS: dict[object, type[CamrigError]] = {kind.exit_code: kind for kind in (InputError, HardwareError, PartialError)}
@@ -23,7 +22,7 @@ def find_socket(rig: str | None, folders: Iterable[Path] | None = None) -> Path:
     """
     places = list(dict.fromkeys(folders or (runtime_folder(), SYSTEM_FOLDER)))
     running = [
-        path for folder in places if _trusted(folder) for path in sorted(folder.glob("*.sock")) if _answers(path)
+        path for folder in places if is_trusted(folder) for path in sorted(folder.glob("*.sock")) if _answers(path)
     ]
     looked = " and ".join(map(str, places))
     if rig is not None:
@@ -74,14 +73,6 @@ def _content(answer: object, path: Path) -> dict[str, object]:
         case {"ok": False, "error": str(text), "exit_code": code}:
             raise _ERRORS.get(code, HardwareError)(text)
     raise HardwareError(f"{path} is no camrig daemon's: it answered in another language")
-
-
-def _trusted(folder: Path) -> bool:
-    """Tell whether a daemon that this user may trust has made the folder; anyone could make one in /tmp."""
-    try:
-        return folder == SYSTEM_FOLDER or folder.stat().st_uid in {0, os.geteuid()}
-    except OSError:
-        return False
 
 
 def _answers(path: Path) -> bool:

@@ -35,6 +35,14 @@ def runtime_folder(environment: Mapping[str, str] = os.environ) -> Path:
     return Path(f"/tmp/camrig-{os.geteuid()}")  # made by us alone, see _make_private
 
 
+def is_trusted(folder: Path) -> bool:
+    """Tell whether a daemon that this user may trust has made the folder; anyone could make one in /tmp."""
+    try:
+        return folder == SYSTEM_FOLDER or folder.stat().st_uid in {0, os.geteuid()}
+    except OSError:
+        return False
+
+
 def socket_path(folder: Path, rig: str) -> Path:
     """Return the socket of a rig; raises InputError for a name that no socket can have."""
     if not _NAME.fullmatch(rig):

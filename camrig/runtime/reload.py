@@ -13,6 +13,7 @@ from camrig.config.rig_file import RigConfig, load_rig
 from camrig.config.settings import settings_of
 from camrig.errors import CamrigError, HardwareError, InputError
 from camrig.interfaces import Sink
+from camrig.runtime import last_run
 from camrig.runtime.daemon import Daemon
 from camrig.runtime.emulated import emulated_world
 
@@ -37,11 +38,18 @@ class Run:
     sinks: Sequence[Sink]
     serving: Serving
     clock: Clock = field(default_factory=RealClock)
+    kept_in: Path | None = None
+    """The folder where what is run is noted, for whoever has to stop its heads (``runtime.last_run``)."""
     _daemon: Daemon | None = None
     _ending: bool = False
 
     def until(self, until_s: float) -> None:
         """Run until a stop is requested, every recording has ended, or ``until_s``; raises what ended a daemon."""
+        self._run(until_s)
+        if self.kept_in is not None:
+            last_run.forget(self.file, self.kept_in)
+
+    def _run(self, until_s: float) -> None:
         before: RigConfig | None = None
         current: RigConfig | None = self.config
         held: frozenset[str] = frozenset()
@@ -76,6 +84,8 @@ class Run:
     def _one(
         self, config: RigConfig, fallback: RigConfig | None, held: frozenset[str], remark: str, until_s: float
     ) -> Daemon:
+        if self.kept_in is not None:
+            last_run.keep(config, self.kept_in)
         with emulated_world(config) as (rig_config, _):
             daemon = Daemon(rig_config, settings_of(rig_config), self.sinks, self.clock, held=held, remark=remark)
             before, self._daemon = self._daemon, daemon

@@ -13,6 +13,7 @@ import pytest
 from camrig.config.rig_file import load_rig
 from camrig.messages import FlightState
 from camrig.runtime.daemon import Daemon
+from camrig.runtime.last_run import last_run
 from camrig.runtime.operator import Operator
 from camrig.runtime.operator_client import ask
 from camrig.runtime.operator_server import serving
@@ -44,11 +45,17 @@ class Bench:
         monkeypatch.setenv("NOTIFY_SOCKET", self.listener.getsockname())
         self.socket = socket.socket(socket.AF_UNIX)
         self.socket.bind(str(folder / "operator"))
-        self.run = Run(self.file, load_rig(self.file), [Log()], self._serving)
+        self.run = Run(self.file, load_rig(self.file), [Log()], self._serving, kept_in=folder)
 
     def _serving(self, daemon: Daemon) -> AbstractContextManager[None]:
         self.daemons.append(daemon)
         return serving(self.socket.dup(), Operator(daemon, RecentEvents()), daemon.request_stop)
+
+    @property
+    def kept(self) -> str:
+        """What a stop would go by after the daemon's death."""
+        ran = last_run(self.file, [self.file.parent])
+        return ran.text if ran is not None else ""
 
     @property
     def daemon(self) -> Daemon:
@@ -107,6 +114,8 @@ def test_faults_are_said_and_the_rig_runs_on(bench: Callable[[str], AbstractCont
         assert "\n" not in status
         assert rig.daemons == [first]
         assert not at_rest(first)
+        assert rig.kept == RIG
+    assert rig.kept == "", "it came to rest"
 
 
 def test_another_rigs_file_is_refused(bench: Callable[[str], AbstractContextManager[Bench]]) -> None:
@@ -127,6 +136,7 @@ def test_a_good_file_is_run_with_the_heads_stopped_between(
         until(lambda: len(rig.daemons) == 2, 20.0)
         assert at_rest(first)
         assert set(rig.daemon.config.rig.targets) == {"robot2"}
+        assert "robot2" in rig.kept
         assert ask(rig.file.with_name("operator"), {"command": "status"})["rig"] == "fakes"
         assert rig.notified("READY=1")
         assert not rig.notified("STOPPING=1")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -11,6 +12,8 @@ from pathlib import Path
 import pytest
 import serial
 
+from camrig.config.rig_file import load_rig
+from camrig.runtime import last_run
 from camrig_emulators.pelco_d_head import PelcoDHeadSettings, PelcoDLine
 
 pytestmark = pytest.mark.realtime
@@ -44,7 +47,8 @@ def write_rig(folder: Path, heads: Sequence[tuple[str, str, int]]) -> Path:
 
 def stop(config: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "camrig", "stop", str(config)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    environment = {**os.environ, "RUNTIME_DIRECTORY": str(config.parent)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
     return done
@@ -114,6 +118,35 @@ def test_a_missing_port_is_named_and_keeps_no_other_head_from_its_stop(
     time.sleep(0.4)
     assert stands(line, "pt1")
     assert stands(line, "pt2")
+
+
+def test_a_file_that_has_faults_since_it_was_run_keeps_no_head_from_its_stop(
+    pelco_d_emulator: Callable[..., PelcoDLine], tmp_path: Path
+) -> None:
+    """As after a refused reload: the daemon ran on by what it had read before, and died."""
+    line = pelco_d_emulator(*HEADS)
+    config = write_rig(tmp_path, [("pt1", line.port, 1), ("pt2", line.port, 2)])
+    last_run.keep(load_rig(config), tmp_path)
+    config.write_text(config.read_text().replace("address: 1", "address: one"))
+    set_moving(line)
+    done = stop(config)
+    assert done.returncode == 4
+    assert "the heads were stopped as the daemon last knew them, for the file has faults now" in done.stderr
+    assert "heads[pt1].address" in done.stderr
+    assert set(motions(line)[2:]) == {STOP_1, STOP_2}
+
+
+def test_heads_of_the_daemon_and_of_the_changed_file_are_stopped(
+    pelco_d_emulator: Callable[..., PelcoDLine], tmp_path: Path
+) -> None:
+    line = pelco_d_emulator(*HEADS)
+    last_run.keep(load_rig(write_rig(tmp_path, [("pt1", line.port, 1)])), tmp_path)
+    config = write_rig(tmp_path, [("pt2", line.port, 2)])
+    set_moving(line)
+    assert stop(config).returncode == 0
+    stops = motions(line)[2:]
+    assert stops[0] == STOP_1  # the one that may be moving
+    assert set(stops) == {STOP_1, STOP_2}
 
 
 def test_a_file_with_faults_is_refused_as_everywhere(tmp_path: Path) -> None:
