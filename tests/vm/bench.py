@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import select
 import socket
+import struct
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ STOP = bytes.fromhex("ff010000000001")
 _SET_POSITION = (0x4B, 0x4D)
 _FRAME = 7
 _BAUD = 9600
+_PICTURE = struct.Struct("<dd")
 
 
 class Wire:
@@ -70,21 +72,30 @@ class Wire:
 
 
 def feed(spec: CameraSpec, url: str, line: socket.socket, stopping: threading.Event) -> None:
-    """Send every picture of an emulated camera down a line, as the guest takes them."""
+    """Answer whenever the guest asks for a picture: how long that took, how old the picture is by then, its pixels."""
     camera = RenderedCamera(spec, RenderedSection(url=url))
     camera.open()
     line.settimeout(0.5)
     try:
         while not stopping.is_set():
-            frame = camera.read(0.5)
-            data = memoryview(b"" if frame is None else frame.image.tobytes())
-            while data and not stopping.is_set():
-                try:
-                    data = data[line.send(data) :]
-                except TimeoutError:
-                    continue
+            with suppress(TimeoutError):
+                if not line.recv(1):
+                    return
+                asked_s = time.monotonic()
+                while (frame := camera.read(0.5)) is None and not stopping.is_set():
+                    pass
+                if frame is not None:
+                    now_s = time.monotonic()
+                    _send(line, _PICTURE.pack(now_s - asked_s, now_s - frame.stamp_s) + frame.image.tobytes(), stopping)
     finally:
         camera.close()
+
+
+def _send(line: socket.socket, data: bytes, stopping: threading.Event) -> None:
+    left = memoryview(data)
+    while left and not stopping.is_set():
+        with suppress(TimeoutError):  # the guest takes its time
+            left = left[line.send(left) :]
 
 
 @contextmanager

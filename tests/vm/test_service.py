@@ -10,18 +10,17 @@ from __future__ import annotations
 import json
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from camrig.config.rig_file import load_rig
-from camrig.interfaces import World
 from camrig.runtime.emulated import emulated_world
-from tests.vm.bench import Wire, bench
+from tests.vm.bench import bench
+from tests.vm.host import Host
 from tests.vm.machine import Boot, Machine, port, uart
 
 SCALE = 60.0
@@ -29,9 +28,11 @@ BOOT_S = 200.0
 START_S = 5.0 * SCALE
 """The bar at native speed is READY within 5 s, which tests/system holds it to."""
 STOP_ON_THE_WIRE_S = 0.5
+KILLS = 5
+"""By the slow tests too."""
 NEAR_M = 0.05
-LATELY_S = 15.0
-"""The guest's clock is not ours, and a picture takes its time to get there: where the robot was, not where it is."""
+SURE_SIGMAS = 4.0
+PUBLISHED = 5
 
 RIG = """\
 rig: service
@@ -86,41 +87,6 @@ def in_the_rig(target: str = "robot1", speed: str = "") -> str:
     )
 
 
-@dataclass
-class Host:
-    """The rig's host."""
-
-    machine: Machine
-    wire: Wire
-    world: World
-    took_s: dict[str, float] = field(default_factory=dict)
-
-    def sh(self, command: str, timeout_s: float = 200.0) -> str:
-        status, said = self.machine.shell(command, timeout_s)
-        assert status == 0, f"{command}: exit code {status}: {said}"
-        return said
-
-    def show(self, name: str) -> str:
-        return self.sh(f"systemctl show camrig -P {name}").strip()
-
-    def write(self, path: str, text: str) -> None:
-        (self.machine.share / "file").write_text(text)
-        self.sh(f"mkdir -p {Path(path).parent} && cat /run/vm/file >{path}")
-
-    def until(self, condition: Callable[[], bool], timeout_s: float) -> float:
-        """Wait; return how long it took."""
-        began_s = time.monotonic()
-        while not condition():
-            assert time.monotonic() - began_s < timeout_s, self.sh(
-                "systemctl status camrig; journalctl -u camrig -n 40"
-            )
-            time.sleep(0.5)
-        return time.monotonic() - began_s
-
-    def tracks(self) -> bool:
-        return self.show("StatusText").startswith("tracking: 1 of 1 targets")
-
-
 @pytest.fixture(scope="module")
 def host() -> Iterator[Host]:
     with ExitStack() as stack:
@@ -132,7 +98,7 @@ def host() -> Iterator[Host]:
         ports = {"pt1": room.devices["heads"]["pt1"].raw["port"], "west": room.devices["cameras"]["west"].raw["url"]}
         boot = Boot(
             systemd=True,
-            modules=("v4l2loopback video_nr=40 card_label=west", "xhci_pci", "ftdi_sio"),
+            modules=("v4l2loopback video_nr=40 card_label=west max_buffers=6", "xhci_pci", "ftdi_sio"),
             devices=(
                 *uart("head", share / "head.sock"),
                 *port("camera", share / "camera.sock"),
@@ -174,12 +140,17 @@ def test_it_starts_and_tracks_from_a_v4l2_device(host: Host) -> None:
     host.sh("systemctl daemon-reload && systemctl start camrig", START_S)
     host.took_s["start"] = time.monotonic() - began_s
     host.took_s["tracking"] = host.until(host.tracks, 5.0 * SCALE)
-    host.until(lambda: bool(host.wire.motions(began_s)), 2.0 * SCALE)
-    line = json.loads(host.sh("grep robot1 /var/lib/camrig/targets.jsonl | tail -1"))
-    now_s = time.monotonic()
-    path_m = [host.world.truth(now_s - ago_s)["robot1"][:3, 3] for ago_s in np.arange(0.0, LATELY_S, 0.2)]
-    host.took_s["error_m"] = float(np.linalg.norm(np.array(path_m) - line["position_m"], axis=1).min())
-    assert host.took_s["error_m"] < NEAR_M
+    _is_where_it_is_said_to_be(host, began_s)
+
+
+def _is_where_it_is_said_to_be(host: Host, since_s: float) -> None:
+    """What is published as tracked is near the truth, or said to be as unsure as it is wrong."""
+    host.until(lambda: host.errors_m(since_s)[0].size >= PUBLISHED, SCALE)
+    errors_m, sigmas_m = host.errors_m(since_s)
+    host.took_s["error_m"] = float(np.median(errors_m))
+    host.took_s["worst_error_m"] = float(errors_m.max())
+    assert np.median(errors_m) < NEAR_M
+    assert (errors_m < np.maximum(NEAR_M, SURE_SIGMAS * sigmas_m)).all(), np.column_stack([errors_m, sigmas_m])
 
 
 def test_its_journal_can_be_asked_by_device(host: Host) -> None:
@@ -217,12 +188,13 @@ def test_a_reload_of_a_faulty_file_changes_nothing(host: Host) -> None:
     assert "speed_deg_s" in host.show("StatusText")
     assert "speed_deg_s" in host.sh("journalctl -u camrig PRIORITY=3 -n 1")
     assert (host.show("MainPID"), host.show("ActiveState")) == (pid, "active")
-    host.until(host.tracks, SCALE)
+    host.write("/etc/camrig/rig.yaml", in_the_rig())
 
 
 @pytest.mark.slow
 def test_a_reload_of_a_good_file_stops_the_head_and_tracks_by_the_new_one(host: Host) -> None:
     pid, since_s = host.show("MainPID"), time.monotonic()
+    host.until(lambda: bool(host.wire.motions(0.0)), 5.0 * SCALE)  # the planner takes longer to start than all else
     host.write("/etc/camrig/rig.yaml", in_the_rig(target="robot2"))
     host.sh("systemctl reload camrig")
     host.took_s["reload"] = host.until(
@@ -232,46 +204,63 @@ def test_a_reload_of_a_good_file_stops_the_head_and_tracks_by_the_new_one(host: 
     assert host.wire.stops(since_s)
     assert host.show("MainPID") == pid, host.sh("journalctl -u camrig -n 60 -o short-monotonic")
     assert "refused" not in host.show("StatusText")
+    host.write("/etc/camrig/rig.yaml", in_the_rig())
 
 
 def test_killed_it_leaves_a_stopped_head(host: Host) -> None:
+    _killed(host, 1)
+    assert host.show("NRestarts") == "1"
+
+
+def _killed(host: Host, number: int) -> None:
     pid = host.show("MainPID")
     killed_s = time.monotonic()
     host.sh(f"kill -9 {pid}")
     host.until(lambda: bool(host.wire.stops(killed_s)), SCALE)
-    host.took_s["stop on the wire"] = host.wire.stops(killed_s)[0] - killed_s
-    assert host.took_s["stop on the wire"] <= STOP_ON_THE_WIRE_S
+    took_s = host.took_s[f"stop on the wire after SIGKILL {number}"] = host.wire.stops(killed_s)[0] - killed_s
+    assert took_s <= STOP_ON_THE_WIRE_S
     host.until(lambda: host.show("MainPID") not in (pid, "0"), SCALE)
-    assert host.show("NRestarts") == "1"
 
 
 @pytest.mark.slow
-def test_killed_it_comes_back_and_tracks(host: Host) -> None:
-    _comes_back(host, "0", "tracking after SIGKILL")
+def test_killed_again_and_again_it_comes_back_and_tracks(host: Host) -> None:
+    for number in range(2, KILLS + 1):
+        _comes_back(host, "0", f"tracking after SIGKILL {number - 1}")
+        _killed(host, number)
+    _comes_back(host, "0", f"tracking after SIGKILL {KILLS}", moves=True)
 
 
-def _comes_back(host: Host, pid: str, what: str) -> None:
+def _comes_back(host: Host, pid: str, what: str, *, moves: bool = False) -> None:
     since_s = time.monotonic()
-    host.until(lambda: host.show("MainPID") not in (pid, "0") and host.show("ActiveState") == "active", 2.0 * START_S)
+    host.until(lambda: host.is_active(pid), 2.0 * START_S)
     host.until(host.tracks, START_S)
     host.took_s[what] = time.monotonic() - since_s
-    host.until(lambda: bool(host.wire.motions(since_s)), 2.0 * SCALE)
+    if moves:
+        host.until(lambda: bool(host.wire.motions(since_s)), START_S)
+        host.until(host.tracks, START_S)
+        _is_where_it_is_said_to_be(host, since_s)
 
 
-@pytest.mark.slow
 def test_hung_it_is_restarted_by_the_watchdog(host: Host) -> None:
+    host.until(lambda: host.is_active("0"), 2.0 * START_S)
     host.write("/etc/systemd/system/camrig.service.d/vm.conf", OVERRIDES)
     host.sh("systemctl daemon-reload")
     pid = host.show("MainPID")
     hung_s = time.monotonic()
     host.sh(f"kill -STOP {pid}")
     host.took_s["stop on the wire after SIGSTOP"] = host.until(lambda: bool(host.wire.stops(hung_s)), 3.0 * SCALE)
-    _comes_back(host, pid, "tracking after SIGSTOP")
+    host.until(lambda: host.show("MainPID") not in (pid, "0"), 3.0 * SCALE)
     assert "Watchdog timeout" in host.sh("journalctl -u camrig -n 200")
 
 
+@pytest.mark.slow
+def test_hung_it_comes_back_and_tracks(host: Host) -> None:
+    _comes_back(host, "0", "tracking after SIGSTOP", moves=True)
+
+
 def test_stopped_it_leaves_a_stopped_head(host: Host) -> None:
+    since_s = time.monotonic()
     host.sh("systemctl stop camrig")
     assert host.show("ActiveState") == "inactive"
     time.sleep(1.0)
-    assert host.wire.stops(0.0)[-1] > max(host.wire.motions(0.0))
+    assert host.wire.stops(since_s)[-1] > max(host.wire.motions(0.0), default=0.0)
