@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camrig.geometry.arrays import GreyImage
-from camrig_drivers.v4l2.grey import PixelFormat, decode_jpeg, luma_layout
+from camrig_drivers.v4l2.grey import PixelFormat, decode_jpeg, empty_picture, luma_layout
 
 SIZE_PX = (64, 48)
 
@@ -119,3 +119,12 @@ def test_garbage_never_raises(garbage: bytes, cut: int) -> None:
     data[cut : cut + len(garbage)] = garbage
     image = decoded(bytes(data))
     assert image is None or image.shape == SMOOTH.shape
+
+
+@pytest.mark.parametrize("size_px", [(1, 1), (641, 479), (3840, 2160)])
+def test_a_picture_to_be_filled_begins_on_a_huge_page(size_px: tuple[int, int]) -> None:
+    picture = empty_picture(size_px)
+    assert picture.shape == size_px[::-1]
+    assert picture.flags.c_contiguous
+    assert picture.ctypes.data % (1 << 21) == 0
+    picture[-1, -1] = 1  # it is ours to the last pixel

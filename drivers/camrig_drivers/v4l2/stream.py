@@ -6,12 +6,10 @@ import mmap
 from contextlib import suppress
 from dataclasses import dataclass
 
-import numpy as np
-
 from camrig.errors import HardwareError
 from camrig.geometry.arrays import GreyImage
 from camrig_drivers.v4l2 import abi
-from camrig_drivers.v4l2.grey import Luma, PixelFormat, decode_jpeg, luma_layout
+from camrig_drivers.v4l2.grey import Luma, PixelFormat, decode_jpeg, empty_picture, luma_layout
 from camrig_drivers.v4l2.node import Filled, Node, PictureFormat
 from camrig_drivers.v4l2.port import Ready
 
@@ -52,7 +50,7 @@ class Stream:
         self._last_sequence: int | None = None
         self._maps: list[mmap.mmap] = []
         self._lumas: list[Luma] = []
-        self._image = np.empty((given.size_px[1], given.size_px[0]), np.uint8)
+        self._image = empty_picture(given.size_px)
         try:
             self._start(label, given)
         except BaseException:
