@@ -36,6 +36,10 @@ _CALIBRATION = 0.45
 """Of the variance of what happens unseen, measured on random moves: motors vary less than all that may happen."""
 _STEPS_BY, _STEP_MOST_RAD = 0.5, math.radians(0.6)
 """How probable it is that a short way from rest was a step, begun and ended, and how long such steps are."""
+_SEVERAL_FROM_S, _SEVERAL_BY, _SEVERAL_S = 0.35, 0.5, 1.0
+"""In intervals longer than the first more than one thing may happen: a start, a stop and another start. Probable by the
+second in one of the third, the longest that is bridged.
+"""
 _SAME_RAD = 1e-9
 """Readings that differ by less are the same digit."""
 _LEAST_NOISE_RAD = math.radians(0.01) / math.sqrt(12.0)
@@ -100,6 +104,12 @@ class _Interval:
             return 0.0
         return _STEPS_BY * math.exp(-((self.turn_rad / _STEP_MOST_RAD) ** 2))
 
+    @property
+    def several(self) -> float:
+        """Return how probable it is that more happened in this interval than one change of the rate."""
+        longer = (self.lasts_s - _SEVERAL_FROM_S) / (_SEVERAL_S - _SEVERAL_FROM_S)
+        return _SEVERAL_BY * min(max(longer, 0.0), 1.0)
+
     def parts(self, deviation_rad: float) -> tuple[float, float]:
         """Return the least and the greatest part of the interval in which the deviation may have grown."""
         least = math.sqrt(2.0 * abs(deviation_rad) / _MOST_RAD_S2) / self.lasts_s
@@ -129,8 +139,8 @@ class _Interval:
         changed_rad = share * self.turn_rad + (mean - share) * bend_rad
         spread = bend_rad**2 * max(0.0, square - mean**2) + variance * (mean - share) ** 2
         come_rad, variance = _merged(self.happened(rate), (share * self.turn_rad, 0.0), (changed_rad, spread))
-        stepped = share * self.turn_rad, share * (1.0 - share) * self.turn_rad**2
-        come_rad, variance = _merged(self.stepped(rate), (come_rad, variance), stepped)
+        any_time = share * self.turn_rad, share * (1.0 - share) * self.turn_rad**2
+        come_rad, variance = _merged(max(self.stepped(rate), self.several), (come_rad, variance), any_time)
         return come_rad, _CALIBRATION * variance + (1.0 - share) ** 2 * self.noise_a + share**2 * self.noise_b
 
 
