@@ -22,7 +22,7 @@ BUFFERS = 6
 BUFFER = struct.Struct("<5I4xqq16xIIQII8x")
 """struct v4l2_buffer: index, type, bytesused, flags, field, the stamp's s and us, sequence, memory, offset, length."""
 HEADER = struct.Struct("<dd")
-MOST_UNSURE_S = 0.04
+MOST_UNSURE_S = 0.06
 """A picture whose way here took longer is not shown: its stamp could be wrong by half of that."""
 
 
