@@ -36,7 +36,7 @@ _CALIBRATION = 0.45
 """Of the variance of what happens unseen, measured on random moves: motors vary less than all that may happen."""
 _STEPS_BY, _STEP_MOST_RAD = 0.5, math.radians(0.6)
 """How probable it is that a short way from rest was a step, begun and ended, and how long such steps are."""
-_SEVERAL_FROM_S, _SEVERAL_BY, _SEVERAL_S = 0.35, 0.5, 1.0
+_SEVERAL_FROM_S, _SEVERAL_BY, _SEVERAL_S = 0.5, 0.5, 1.0
 """In intervals longer than the first more than one thing may happen: a start, a stop and another start. Probable by the
 second in one of the third, the longest that is bridged.
 """
