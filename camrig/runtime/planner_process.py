@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
@@ -17,6 +18,7 @@ from camrig.rig import Rig
 _LONG_S = 1e9
 _PROPOSED_EVERY = 5
 """Requests: detection needs the processors too, and what is far better than the present rig stays so for a while."""
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _NICE = 10
 """A plan may be late; a frame must not be."""
 
@@ -50,7 +52,15 @@ def _until_asked(connection: Connection) -> Callable[[], float]:
     return lambda: time.monotonic() + (_LONG_S if connection.poll() else 0.0)
 
 
+def _end_with_the_daemon() -> None:
+    """Have the kernel kill this process when the daemon dies, whatever it is computing: systemd would wait for it, up
+    to TimeoutStopSec, before it has the heads stopped once more and the daemon started again.
+    """
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
 if __name__ == "__main__":
+    _end_with_the_daemon()
     for ignored in (
         signal.SIGINT,
         signal.SIGTERM,

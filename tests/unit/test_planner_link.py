@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -123,3 +126,38 @@ def test_closing_ends_the_process_even_in_the_midst_of_a_request_and_twice(plann
     planner.close()
     assert children() == set()
     assert time.monotonic() - began_s < 0.5
+
+
+DAEMON = """\
+import sys, time
+from camrig.optimise import PlannerSettings
+from camrig.runtime.planner_link import PlannerLink
+from tests.runtime_parts import one_head_rig
+link = PlannerLink(one_head_rig(), PlannerSettings())
+print(open("/proc/thread-self/children").read(), flush=True)
+time.sleep(60.0)
+"""
+
+
+def test_a_planner_that_hears_nothing_ends_with_a_daemon_that_was_killed() -> None:
+    """As one does that is deep in a search: until it is gone, systemd starts no other daemon."""
+    with subprocess.Popen([sys.executable, "-c", DAEMON], stdout=subprocess.PIPE, text=True) as daemon:
+        assert daemon.stdout is not None
+        planner = int(daemon.stdout.readline())
+        until(lambda: _ignores(planner, signal.SIGTERM), START_TIMEOUT_S)  # the last that it does before it serves
+        os.kill(planner, signal.SIGSTOP)
+        daemon.kill()
+    until(lambda: not _runs(planner))
+
+
+def _ignores(pid: int, number: signal.Signals) -> bool:
+    found = re.search(r"^SigIgn:\s*([0-9a-f]+)$", Path(f"/proc/{pid}/status").read_text(), re.MULTILINE)
+    return found is not None and bool(int(found[1], 16) >> (number - 1) & 1)
+
+
+def _runs(pid: int) -> bool:
+    """Tell whether there is such a process, and not only what it ended with, which nobody has asked for yet."""
+    try:
+        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
