@@ -42,14 +42,14 @@ class Host:
         (self.machine.share / "file").write_text(text)
         self.sh(f"mkdir -p {Path(path).parent} && cat /run/vm/file >{path}")
 
-    def until(self, condition: Callable[[], bool], timeout_s: float) -> float:
+    def until(self, condition: Callable[[], bool], timeout_s: float, every_s: float = 0.5) -> float:
         """Wait; return how long it took."""
         began_s = time.monotonic()
         while not condition():
             assert time.monotonic() - began_s < timeout_s, self.sh(
                 "systemctl status camrig; journalctl -u camrig -n 40"
             )
-            time.sleep(0.5)
+            time.sleep(every_s)
         return time.monotonic() - began_s
 
     def tracks(self) -> bool:

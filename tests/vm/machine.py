@@ -82,6 +82,13 @@ class Machine:
         found = status.read_text().strip() if status.is_file() else ""
         return int(found) if found.isdigit() else DIED
 
+    def waits_s(self) -> dict[str, float]:
+        """Return for how long, so far, each of the guest's processors has waited for one of this machine's."""
+        if self._process is None:
+            raise RuntimeError("the machine was not started")
+        threads = Path(f"/proc/{self._process.pid}/task").iterdir()
+        return {thread.name: int((thread / "schedstat").read_text().split()[1]) * 1e-9 for thread in threads}
+
     def console(self) -> str:
         """Return what the kernel and the units said."""
         found = self.share / "console"
