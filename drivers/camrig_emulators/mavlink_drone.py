@@ -15,9 +15,9 @@ from camrig.errors import InputError
 from camrig.geometry.arrays import Transform
 from camrig.interfaces import Plugin
 from camrig_emulators.faults import Faults
-from camrig_emulators.mavlink_protocol import MavlinkProtocol, Received
-from camrig_emulators.mavlink_settings import MavlinkDroneSettings
-from camrig_emulators.mavlink_vehicle import Vehicle
+from camrig_emulators.mavlink.protocol import MavlinkProtocol, Received
+from camrig_emulators.mavlink.settings import MavlinkDroneSettings
+from camrig_emulators.mavlink.vehicle import Vehicle
 from camrig_emulators.udp_port import Address, UdpPort
 
 __all__ = ["MavlinkDrone", "MavlinkDroneSettings", "Received", "emulator"]

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from camrig_emulators.mavlink_settings import Point
+from camrig_emulators.mavlink.settings import Point
 
 _STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 NotNegative = Annotated[float, Field(ge=0.0)]

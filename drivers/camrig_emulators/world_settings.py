@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array
 from camrig.rig import DroneMount, FreeMount, HeadMount, HeadSpec, Rig
-from camrig_emulators.mavlink_settings import MavlinkDroneSettings
+from camrig_emulators.mavlink.settings import MavlinkDroneSettings
 from camrig_emulators.pelco_d_settings import PelcoDHeadSettings
 from camrig_emulators.world_section import WorldHeadSection, WorldSection
 

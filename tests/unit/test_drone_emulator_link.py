@@ -13,9 +13,9 @@ from pydantic import ValidationError
 from pymavlink.dialects.v20 import common as dialect
 
 from camrig_emulators.faults import Faults
+from camrig_emulators.mavlink.protocol import MavlinkProtocol
+from camrig_emulators.mavlink.vehicle import Vehicle
 from camrig_emulators.mavlink_drone import MavlinkDroneSettings
-from camrig_emulators.mavlink_protocol import MavlinkProtocol
-from camrig_emulators.mavlink_vehicle import Vehicle
 from tests.drone_pilot import (
     ACCEPTED,
     ARM,

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from camrig.clock import ManualClock
+from camrig_emulators.mavlink.dynamics import Airframe, Demand
+from camrig_emulators.mavlink.frames import R_ned_frd, euler, quaternion, swap_yaw
+from camrig_emulators.mavlink.noise import ColouredNoise
 from camrig_emulators.mavlink_drone import MavlinkDrone, MavlinkDroneSettings
-from camrig_emulators.mavlink_dynamics import Airframe, Demand
-from camrig_emulators.mavlink_frames import R_ned_frd, euler, quaternion, swap_yaw
-from camrig_emulators.mavlink_noise import ColouredNoise
 from tests.drone_pilot import SET_INTERVAL, START_S, Pilot, set_point
 
 CALM: dict[str, Any] = {"hover_noise_m": 0.0, "estimate_noise_m": 0.0, "estimate_noise_deg": 0.0}

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
-from camrig_emulators.mavlink_noise import ColouredNoise
-from camrig_emulators.mavlink_settings import MavlinkDroneSettings
+from camrig_emulators.mavlink.noise import ColouredNoise
+from camrig_emulators.mavlink.settings import MavlinkDroneSettings
 
 GRAVITY_M_S2 = 9.81
 _POSITION_GAIN = 2.0  # 1/s

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from camrig_emulators.mavlink_dynamics import Demand
-from camrig_emulators.mavlink_set_points import SetPoint
+from camrig_emulators.mavlink.dynamics import Demand
+from camrig_emulators.mavlink.set_points import SetPoint
 
 CommandParams = tuple[float, float, float, float, float, float, float]
 

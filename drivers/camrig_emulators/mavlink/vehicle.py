@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from camrig.geometry.arrays import Transform
-from camrig_emulators.mavlink_ardupilot import ArduPilot
-from camrig_emulators.mavlink_cockpit import Cockpit
-from camrig_emulators.mavlink_dynamics import Airframe
-from camrig_emulators.mavlink_firmware import Firmware
-from camrig_emulators.mavlink_frames import LocalFrame
-from camrig_emulators.mavlink_history import STEP_S, History
-from camrig_emulators.mavlink_params import ardupilot_params, px4_params
-from camrig_emulators.mavlink_px4 import Px4
-from camrig_emulators.mavlink_settings import MavlinkDroneSettings
+from camrig_emulators.mavlink.ardupilot import ArduPilot
+from camrig_emulators.mavlink.cockpit import Cockpit
+from camrig_emulators.mavlink.dynamics import Airframe
+from camrig_emulators.mavlink.firmware import Firmware
+from camrig_emulators.mavlink.frames import LocalFrame
+from camrig_emulators.mavlink.history import STEP_S, History
+from camrig_emulators.mavlink.params import ardupilot_params, px4_params
+from camrig_emulators.mavlink.px4 import Px4
+from camrig_emulators.mavlink.settings import MavlinkDroneSettings
 
 _BOOT_TIME_S = 1.2
 _UP_FOR_MS = (20_000, 600_000)  # how long it has been up at the start, at random

@@ -12,12 +12,12 @@ import numpy as np
 from pymavlink.dialects.v20 import common as dialect
 
 from camrig_emulators.faults import Faults
-from camrig_emulators.mavlink_cockpit import ACCEPTED, DENIED, FAILED
-from camrig_emulators.mavlink_firmware import whole
-from camrig_emulators.mavlink_messages import TELEMETRY, Message
-from camrig_emulators.mavlink_outbox import Outbox
-from camrig_emulators.mavlink_set_points import SetPoint
-from camrig_emulators.mavlink_vehicle import Vehicle
+from camrig_emulators.mavlink.cockpit import ACCEPTED, DENIED, FAILED
+from camrig_emulators.mavlink.firmware import whole
+from camrig_emulators.mavlink.messages import TELEMETRY, Message
+from camrig_emulators.mavlink.outbox import Outbox
+from camrig_emulators.mavlink.set_points import SetPoint
+from camrig_emulators.mavlink.vehicle import Vehicle
 from camrig_emulators.udp_port import Address, Datagram
 
 _COMPONENT = 1

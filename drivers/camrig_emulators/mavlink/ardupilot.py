@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from camrig_emulators.mavlink_cockpit import (
+from camrig_emulators.mavlink.cockpit import (
     ACCEPTED,
     CRITICAL,
     FAILED,
@@ -19,10 +19,10 @@ from camrig_emulators.mavlink_cockpit import (
     Cockpit,
     ReturnHome,
 )
-from camrig_emulators.mavlink_dynamics import Demand
-from camrig_emulators.mavlink_firmware import CommandParams, whole
-from camrig_emulators.mavlink_frames import swap_yaw
-from camrig_emulators.mavlink_set_points import SetPoint, ardupilot_goal
+from camrig_emulators.mavlink.dynamics import Demand
+from camrig_emulators.mavlink.firmware import CommandParams, whole
+from camrig_emulators.mavlink.frames import swap_yaw
+from camrig_emulators.mavlink.set_points import SetPoint, ardupilot_goal
 
 STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE = 0, 2, 3, 4, 5, 6, 9, 16, 17
 MODES = {

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from camrig.geometry.arrays import Array
-from camrig_emulators.mavlink_cockpit import Cockpit
-from camrig_emulators.mavlink_dynamics import Demand
-from camrig_emulators.mavlink_frames import swap, swap_yaw
+from camrig_emulators.mavlink.cockpit import Cockpit
+from camrig_emulators.mavlink.dynamics import Demand
+from camrig_emulators.mavlink.frames import swap, swap_yaw
 
 LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED = 1, 7, 8, 9  # MAV_FRAME
 ARDUPILOT_FRAMES = (LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED)

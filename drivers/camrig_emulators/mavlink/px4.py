@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from camrig_emulators.mavlink_cockpit import (
+from camrig_emulators.mavlink.cockpit import (
     ACCEPTED,
     CRITICAL,
     FORCE,
@@ -18,9 +18,9 @@ from camrig_emulators.mavlink_cockpit import (
     Cockpit,
     ReturnHome,
 )
-from camrig_emulators.mavlink_dynamics import Demand
-from camrig_emulators.mavlink_firmware import CommandParams, whole
-from camrig_emulators.mavlink_set_points import PX4_FRAMES, SetPoint, px4_goal
+from camrig_emulators.mavlink.dynamics import Demand
+from camrig_emulators.mavlink.firmware import CommandParams, whole
+from camrig_emulators.mavlink.set_points import PX4_FRAMES, SetPoint, px4_goal
 
 
 def custom_mode(main: int, sub: int = 0) -> int:

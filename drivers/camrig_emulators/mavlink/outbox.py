@@ -9,9 +9,9 @@ from typing import Any
 from pymavlink.dialects.v20 import common as dialect
 
 from camrig_emulators.faults import Faults
-from camrig_emulators.mavlink_history import STEP_S
-from camrig_emulators.mavlink_messages import TELEMETRY, Message, Report
-from camrig_emulators.mavlink_vehicle import Vehicle
+from camrig_emulators.mavlink.history import STEP_S
+from camrig_emulators.mavlink.messages import TELEMETRY, Message, Report
+from camrig_emulators.mavlink.vehicle import Vehicle
 from camrig_emulators.udp_port import Address, Datagram
 
 _COMPONENT = 1

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from camrig.geometry.arrays import Array
-from camrig_emulators.mavlink_dynamics import Airframe, Demand
-from camrig_emulators.mavlink_frames import LocalFrame
-from camrig_emulators.mavlink_history import Sample
-from camrig_emulators.mavlink_params import Params
-from camrig_emulators.mavlink_settings import MavlinkDroneSettings
+from camrig_emulators.mavlink.dynamics import Airframe, Demand
+from camrig_emulators.mavlink.frames import LocalFrame
+from camrig_emulators.mavlink.history import Sample
+from camrig_emulators.mavlink.params import Params
+from camrig_emulators.mavlink.settings import MavlinkDroneSettings
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4  # MAV_RESULT
 CRITICAL, WARNING, INFO = 2, 4, 6  # MAV_SEVERITY

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from camrig_emulators.mavlink_settings import MavlinkDroneSettings
+from camrig_emulators.mavlink.settings import MavlinkDroneSettings
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
 

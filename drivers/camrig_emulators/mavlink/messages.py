@@ -12,9 +12,9 @@ import numpy as np
 from pymavlink.dialects.v20 import common as dialect
 
 from camrig.geometry.arrays import Array
-from camrig_emulators.mavlink_frames import R_ned_frd, euler, quaternion, swap
-from camrig_emulators.mavlink_history import Sample
-from camrig_emulators.mavlink_vehicle import Vehicle
+from camrig_emulators.mavlink.frames import R_ned_frd, euler, quaternion, swap
+from camrig_emulators.mavlink.history import Sample
+from camrig_emulators.mavlink.vehicle import Vehicle
 
 Message: TypeAlias = Any
 """A message of the generated dialect, which is untyped."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from camrig.geometry.arrays import Array
-from camrig_emulators.mavlink_dynamics import Airframe, Motion
-from camrig_emulators.mavlink_frames import turn
+from camrig_emulators.mavlink.dynamics import Airframe, Motion
+from camrig_emulators.mavlink.frames import turn
 
 STEP_S = 0.01
 _KEPT_S = 20.0
