@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from pymavlink.dialects.v20 import common as dialect
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from camrig_emulators.faults import Faults
 from camrig_emulators.mavlink.protocol import MavlinkProtocol
@@ -148,6 +148,7 @@ class Pilot:
         for address, data in datagrams:
             if address not in self._parsers:
                 self._parsers[address] = dialect.MAVLink(None)
+                self._parsers[address].robust_parsing = True
             for message in self._parsers[address].parse_buffer(data) or ():
                 if address == HERE:
                     self.heard.append((self.now_s, message))

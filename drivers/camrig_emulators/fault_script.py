@@ -8,7 +8,8 @@
     at 10 drop 3                     the next three commands are lost
     at 11 clear                      every fault ends
 
-``#`` begins a comment. Seconds count from when the emulator was made.
+``#`` begins a comment. Seconds count from when the emulator was made. Which faults there are depends on the device:
+``HEADS`` has those of Pelco-D heads, ``camrig_emulators.mavlink.troubles`` those of drones.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from camrig.errors import InputError
@@ -26,7 +27,7 @@ Setter = Callable[[Faults, float], None]
 
 _STATEMENT = re.compile(
     r"(?:at\s+(?P<at>[\d.]+)|from\s+(?P<first>[\d.]+)\s+to\s+(?P<last>[\d.]+))"
-    r"(?:\s+on\s+(?P<head>\S+))?\s+(?P<name>[a-z_]+)(?:\s+(?P<value>[\d.]+))?"
+    r"(?:\s+on\s+(?P<head>\S+))?\s+(?P<name>[a-z_]+)(?:\s+(?P<value>-?[\d.]+|\w+))?"
 )
 
 
@@ -38,10 +39,14 @@ def _number(name: str) -> Setter:
     return lambda faults, value: setattr(faults, name, value)
 
 
-_SWITCHES: Mapping[str, Setter] = MappingProxyType(
+def device_does(faults: Faults, value: float) -> None:
+    """Set nothing on the link: what happens concerns the device, which knows it by its name."""
+
+
+SWITCHES: Mapping[str, Setter] = MappingProxyType(
     {name: _flag(name) for name in ("silent", "freeze", "echo", "stuck", "swapped", "splits")}
 )
-_AMOUNTS: Mapping[str, Setter] = MappingProxyType(
+AMOUNTS: Mapping[str, Setter] = MappingProxyType(
     {
         "latency": _number("latency_s"),
         "echo_delay": _number("echo_delay_s"),
@@ -54,32 +59,45 @@ _AMOUNTS: Mapping[str, Setter] = MappingProxyType(
         "lost_last": lambda faults, value: faults.truncate_reply(round(value)),
     }
 )
-_EVENTS: Mapping[str, Setter] = MappingProxyType(
+EVENTS: Mapping[str, Setter] = MappingProxyType(
     {
         "unplug": lambda faults, _: faults.unplug(),
         "replug": lambda faults, _: faults.replug(),
         "clear": lambda faults, _: faults.clear(),
         "drop": lambda faults, value: faults.drop_next(round(value)),
-        "reset": lambda faults, value: None,  # of the head, not of its faults: the line does these two
-        "alarm": lambda faults, value: None,
     }
 )
-_NEED_A_NUMBER = {*_AMOUNTS, "drop", "alarm"}
-_LINE_ONLY = {
-    "unplug",
-    "replug",
-    "echo",
-    "echo_bytes",
-    "echo_delay",
-    "stuck",
-    "swapped",
-    "splits",
-    "lose",
-    "insert",
-    "bursts",
-    "garble",
-}
-_PROBABILITIES = {"garble", "lose", "insert", "bursts"}
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """The faults of one kind of device. Amounts need a number, and so do some events; ``words`` name one instead."""
+
+    switches: Mapping[str, Setter]
+    amounts: Mapping[str, Setter]
+    events: Mapping[str, Setter]
+    counted: Collection[str] = ()
+    probabilities: Collection[str] = ()
+    signed: Collection[str] = ()
+    words: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    line_only: Collection[str] = ()
+
+    def setter(self, name: str) -> Setter:
+        """Return what a fault does to the link."""
+        return {**self.switches, **self.amounts, **self.events}[name]
+
+
+HEADS = Vocabulary(
+    SWITCHES,
+    AMOUNTS,
+    {**EVENTS, "reset": device_does, "alarm": device_does},
+    counted=("drop", "alarm"),
+    probabilities=("garble", "lose", "insert", "bursts"),
+    line_only=(
+        *("unplug", "replug", "echo", "echo_bytes", "echo_delay", "stuck", "swapped", "splits"),
+        *("lose", "insert", "bursts", "garble"),
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +108,11 @@ class Happening:
     name: str
     value: float
     head: str | None
+    setter: Setter
 
     def set(self, faults: Faults) -> None:
         """Make it so."""
-        {**_SWITCHES, **_AMOUNTS, **_EVENTS}[self.name](faults, self.value)
+        self.setter(faults, self.value)
 
 
 class FaultScript:
@@ -103,13 +122,13 @@ class FaultScript:
         self._ahead = deque(sorted(happenings, key=lambda happening: happening.stamp_s))
 
     @classmethod
-    def parse(cls, text: str, start_s: float, heads: Collection[str]) -> FaultScript:
+    def parse(cls, text: str, start_s: float, heads: Collection[str], known: Vocabulary = HEADS) -> FaultScript:
         """Read a script whose second 0 is ``start_s``; raises InputError that names the statement."""
         found: list[Happening] = []
         for line in text.splitlines():
             for statement in line.partition("#")[0].split(";"):
                 if statement.strip():
-                    found += _parse(statement.strip(), start_s, heads)
+                    found += _parse(statement.strip(), start_s, heads, known)
         return cls(found)
 
     def next_s(self) -> float | None:
@@ -124,31 +143,51 @@ class FaultScript:
         return due
 
 
-def _parse(statement: str, start_s: float, heads: Collection[str]) -> list[Happening]:
+def _parse(statement: str, start_s: float, heads: Collection[str], known: Vocabulary) -> list[Happening]:
     match = _STATEMENT.fullmatch(statement)
     if match is None:
-        raise _wrong(statement, "write 'at SECONDS FAULT' or 'from SECONDS to SECONDS [on HEAD] FAULT [NUMBER]'")
+        on_head = " [on HEAD]" if heads else ""
+        raise _wrong(statement, f"write 'at SECONDS FAULT' or 'from SECONDS to SECONDS{on_head} FAULT [NUMBER]'")
     name, head, spans = match["name"], match["head"], match["at"] is None
-    allowed = {**_SWITCHES, **_AMOUNTS} if spans else {**_EVENTS, **_SWITCHES, **_AMOUNTS}
+    allowed = {**known.switches, **known.amounts, **({} if spans else known.events)}
     if name not in allowed:
         raise _wrong(statement, f"'{name}' is none of {', '.join(sorted(allowed))}")
-    if (match["value"] is None) == (name in _NEED_A_NUMBER):
-        raise _wrong(statement, f"{name} {'needs a number' if match['value'] is None else 'takes no number'}")
+    if head is not None and not heads:
+        raise _wrong(statement, f"there is one device only: leave out 'on {head}'")
     if head is not None and head not in heads:
         raise _wrong(statement, f"there is no head '{head}', but {', '.join(sorted(heads))}")
-    if head is not None and name in _LINE_ONLY:
+    if head is not None and name in known.line_only:
         raise _wrong(statement, f"{name} happens to the line, not to one head: leave out 'on {head}'")
+    value = _value(statement, name, match["value"], known)
     try:
-        value = float(match["value"] or 1.0)
         stamps = [float(match[key]) for key in (("first", "last") if spans else ("at",))]
     except ValueError:
         raise _wrong(statement, "a number is written like 2 or 2.5") from None
-    if name in _PROBABILITIES and value > 1.0:
-        raise _wrong(statement, f"{name} takes a probability, 0 to 1")
     if spans and stamps[1] <= stamps[0]:
         raise _wrong(statement, "it ends before it begins")
-    begin = Happening(start_s + stamps[0], name, value, head)
-    return [begin, Happening(start_s + stamps[1], name, 0.0, head)] if spans else [begin]
+    setter = known.setter(name)
+    begin = Happening(start_s + stamps[0], name, value, head, setter)
+    return [begin, Happening(start_s + stamps[1], name, 0.0, head, setter)] if spans else [begin]
+
+
+def _value(statement: str, name: str, text: str | None, known: Vocabulary) -> float:
+    if name in known.words:
+        words = known.words[name]
+        if text is None or text.lower() not in words:
+            raise _wrong(statement, f"{name} needs one of {', '.join(words)}")
+        return words[text.lower()]
+    needs = name in known.amounts or name in known.counted
+    if (text is None) == needs:
+        raise _wrong(statement, f"{name} {'needs a number' if needs else 'takes no number'}")
+    try:
+        value = float(text or 1.0)
+    except ValueError:
+        raise _wrong(statement, "a number is written like 2 or 2.5") from None
+    if name in known.probabilities and value > 1.0:
+        raise _wrong(statement, f"{name} takes a probability, 0 to 1")
+    if value < 0.0 and name not in known.signed:
+        raise _wrong(statement, f"{name} takes no number below 0")
+    return value
 
 
 def _wrong(statement: str, why: str) -> InputError:

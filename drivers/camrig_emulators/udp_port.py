@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import heapq
 import os
 import random
 import selectors
@@ -12,10 +11,9 @@ import threading
 from typing import Protocol
 
 from camrig.clock import Clock
+from camrig.errors import InputError
+from camrig_emulators.delayed import Address, Datagram, Delayed
 from camrig_emulators.faults import Faults
-
-Address = tuple[str, int]
-Datagram = tuple[Address, bytes]
 
 _DATAGRAM_BYTES = 2048
 _LONGEST_WAIT_S = 0.1
@@ -42,16 +40,26 @@ class UdpPort:
     """Serves one protocol on a port of 127.0.0.1 until ``close``; ``lock`` guards the protocol and what it moves."""
 
     def __init__(
-        self, name: str, protocol: DatagramDevice, lock: threading.Lock, clock: Clock, faults: Faults, seed: int
+        self,
+        name: str,
+        protocol: DatagramDevice,
+        lock: threading.Lock,
+        clock: Clock,
+        faults: Faults,
+        seed: int,
+        port: int = 0,
     ) -> None:
+        """``port`` 0 takes a free one. Raises InputError for one that is taken."""
         self._protocol = protocol
         self._lock = lock
         self._clock = clock
         self._faults = faults
         self._rng = random.Random(seed)
-        self._late: list[tuple[float, int, Datagram]] = []  # a heap, by the time of sending
-        self._sent = 0
-        opened = _bound(0)
+        self._late = Delayed()
+        try:
+            opened = _bound(port)
+        except OSError as error:
+            raise InputError(f"UDP port {port} of 127.0.0.1: {error.strerror}; give another one, or 0") from error
         self.port: int = opened.getsockname()[1]
         self._socket: socket.socket | None = opened
         self._wake_read, self._wake_write = os.pipe()
@@ -115,24 +123,18 @@ class UdpPort:
         with self._lock:
             out = self._protocol.poll(self._clock.now_s())
         self._post(out)
-        while self._late and self._late[0][0] <= self._clock.now_s():
-            address, data = heapq.heappop(self._late)[2]
+        for address, data in self._late.due(self._clock.now_s()):
             if self._socket is not None and not self._faults.silent:
                 with contextlib.suppress(OSError):  # datagrams may be lost
                     self._socket.sendto(self._faults.spoil(data, self._rng), address)
 
     def _post(self, datagrams: list[Datagram]) -> None:
-        due_s = self._clock.now_s() + self._faults.latency_s
-        for datagram in datagrams:
-            self._sent += 1
-            heapq.heappush(self._late, (due_s, self._sent, datagram))
+        self._late.post(datagrams, self._clock.now_s() + self._faults.latency_s)
 
     def _wait_s(self) -> float:
         now_s = self._clock.now_s()
         with self._lock:
-            due_s = self._protocol.next_due_s(now_s)
-        if self._late:
-            due_s = min(due_s, self._late[0][0])
+            due_s = min(self._protocol.next_due_s(now_s), self._late.next_s())
         return max(0.0, min(_LONGEST_WAIT_S, due_s - now_s))
 
 

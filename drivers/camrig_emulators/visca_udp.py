@@ -11,8 +11,8 @@ import math
 import random
 from collections import deque
 
+from camrig_emulators.delayed import Address, Datagram
 from camrig_emulators.faults import Faults
-from camrig_emulators.udp_port import Address, Datagram
 from camrig_emulators.visca_device import Answer, ViscaHead
 from camrig_emulators.visca_settings import ViscaHeadSettings
 from camrig_emulators.visca_wire import (

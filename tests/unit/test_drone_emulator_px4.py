@@ -7,7 +7,7 @@ import struct
 
 import numpy as np
 import pytest
-from pymavlink.dialects.v20 import common as dialect
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from tests.drone_pilot import (
     ACCEPTED,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pymavlink.dialects.v20 import common as dialect
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from camrig.errors import InputError
 from camrig_emulators.mavlink_drone import MavlinkDrone, MavlinkDroneSettings, emulator
@@ -35,6 +35,7 @@ class GroundStation:
         self.count = 0
         self._packer = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
         self._parser = dialect.MAVLink(None)
+        self._parser.robust_parsing = True
         self._beat_s = self._point_s = 0.0
 
     def say(self, message: Any) -> None:

@@ -7,6 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from camrig_emulators.mavlink.ardupilot_failsafes import ArduPilotFailsafes
+from camrig_emulators.mavlink.ardupilot_modes import (
+    ALT_HOLD,
+    AUTO,
+    BRAKE,
+    GUIDED,
+    GUIDED_NOGPS,
+    LAND,
+    LOITER,
+    MODES,
+    POSHOLD,
+    RTL,
+    STABILIZE,
+)
 from camrig_emulators.mavlink.cockpit import (
     ACCEPTED,
     CRITICAL,
@@ -23,31 +37,21 @@ from camrig_emulators.mavlink.dynamics import Demand
 from camrig_emulators.mavlink.firmware import CommandParams, whole
 from camrig_emulators.mavlink.frames import swap_yaw
 from camrig_emulators.mavlink.set_points import SetPoint, ardupilot_goal
+from camrig_emulators.mavlink.streams import ARDUPILOT_STREAMS_HZ
 
-STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE = 0, 2, 3, 4, 5, 6, 9, 16, 17
-MODES = {
-    STABILIZE: "STABILIZE",
-    ALT_HOLD: "ALT_HOLD",
-    AUTO: "AUTO",
-    GUIDED: "GUIDED",
-    LOITER: "LOITER",
-    RTL: "RTL",
-    LAND: "LAND",
-    POSHOLD: "POSHOLD",
-    BRAKE: "BRAKE",
-}
-_STICK_MODES = (ALT_HOLD, LOITER, POSHOLD)  # zero throttle without a remote control: they sink
+_STICK_MODES = (ALT_HOLD, LOITER, POSHOLD, GUIDED_NOGPS)  # zero throttle without a remote control: they sink
 _SINK_M_S = 2.4
 _SPOOL_UP_S = 0.5
 _NOT_ARMABLE = (AUTO, RTL, LAND, BRAKE)
-_FAILSAFE_MODES = {1: RTL, 3: RTL, 4: LAND, 5: LAND, 7: LAND}  # FS_GCS_ENABLE
+_NEEDS_POSITION = (GUIDED, LOITER, RTL, POSHOLD, BRAKE)
+_DEFAULT_TURN_DEG_S = 30.0
 
 
 class ArduPilot:
     """A ``Firmware``."""
 
     autopilot = 3
-    default_streams_hz = {0: 1.0, 111: 0.3}  # noqa: RUF012 - HEARTBEAT, TIMESYNC and nothing else until asked
+    default_streams_hz = ARDUPILOT_STREAMS_HZ
     text_ending = ""
     heartbeat_delay_s = 0.0
     double_ack_rate = 0.0
@@ -62,8 +66,7 @@ class ArduPilot:
         self._return: ReturnHome | None = None
         self._speed_m_s = math.inf
         self._climb_m_s = math.inf
-        self._ground_station_s = cockpit.now_s
-        self._ground_station_lost = False
+        self._failsafes = ArduPilotFailsafes(cockpit)
 
     @property
     def custom_mode(self) -> int:
@@ -82,21 +85,32 @@ class ArduPilot:
         return 3 if self._take_off is not None else 2
 
     @property
+    def goal(self) -> Demand:
+        return self._goal
+
+    @property
     def talks(self) -> bool:
         return True
 
+    @property
+    def modes(self) -> dict[str, int]:
+        return {name.lower(): number for number, name in MODES.items()}
+
     def ground_station_beat(self, system: int) -> None:
-        if system != self._cockpit.params["MAV_GCS_SYSID"]:
-            return
-        self._ground_station_s = self._cockpit.now_s
-        if self._ground_station_lost:
-            self._ground_station_lost = False
-            self._cockpit.say(WARNING, "GCS Failsafe Cleared")
+        self._failsafes.ground_station_beat(system)
+
+    def parameter_set(self, name: str) -> None:
+        """Nothing changes at once: what it navigates by is read at the next boot."""
 
     def step(self) -> Demand | None:
-        self._watch_ground_station()
+        cockpit = self._cockpit
+        mode = self._failsafes.step()
+        if mode is not None and cockpit.landed and cockpit.armed:
+            self._disarm("Disarming motors")
+        elif mode is not None and cockpit.armed:
+            self._enter(mode)
         self._disarm_on_floor()
-        return self._demand() if self._cockpit.armed else None
+        return self._demand() if cockpit.armed else None
 
     def _demand(self) -> Demand | None:
         cockpit = self._cockpit
@@ -144,52 +158,46 @@ class ArduPilot:
         self._take_off = None
         self._cockpit.say(INFO, text)
 
-    def _watch_ground_station(self) -> None:
-        cockpit = self._cockpit
-        action = int(cockpit.params["FS_GCS_ENABLE"])
-        if action == 0:
-            self._ground_station_lost = False
-            return
-        silent = cockpit.now_s - self._ground_station_s > cockpit.params["FS_GCS_TIMEOUT"]
-        if not silent or self._ground_station_lost:
-            return
-        self._ground_station_lost = True
-        cockpit.say(CRITICAL, "GCS Failsafe")
-        if cockpit.armed and cockpit.landed:
-            self._disarm("Disarming motors")
-        elif cockpit.armed:
-            self._enter(_FAILSAFE_MODES.get(action, LAND))
-
     # --- commands -----------------------------------------------------------------------------------------
 
     def command(self, command: int, params: CommandParams) -> int | None:
         match command:
             case 176:
-                return self._set_mode(whole(params[1])) if whole(params[0]) & 1 else FAILED
+                return self.change_mode(whole(params[1])) if whole(params[0]) & 1 else FAILED
             case 400:
                 return self._arm(params[1]) if params[0] >= 0.5 else self._disarm_asked(params[1])
             case 22:
                 return self._start_take_off(params[6])
             case 21:
-                return self._set_mode(LAND)
+                return self.change_mode(LAND)
             case 20:
-                return self._set_mode(RTL)
+                return self.change_mode(RTL)
             case 178:
                 return self._change_speed(whole(params[0]), params[1])
             case 115:
                 return self._turn(params)
-            case 205 | 1000 | 1001:
-                return FAILED  # no mount
+            case 205:
+                return self._point_mount(params[0], params[2], 0) if whole(params[6]) == 2 else FAILED
+            case 1000:
+                return self._point_mount(params[0], params[1], whole(params[4]))
+            case 1001:
+                return FAILED if self._cockpit.mount is None else ACCEPTED  # accepted, and not needed
         return UNSUPPORTED
 
-    def _set_mode(self, mode: int) -> int:
+    def _point_mount(self, pitch_deg: float, yaw_deg: float, flags: int) -> int:
+        if self._cockpit.mount is None:
+            return FAILED
+        self._cockpit.mount.point(pitch_deg, yaw_deg, flags)
+        return ACCEPTED
+
+    def change_mode(self, mode: int) -> int:
         if mode not in MODES:
             self._cockpit.say(WARNING, f"No such mode {mode & 0xFF}")
             return FAILED
         if mode == AUTO:
             self._cockpit.say(WARNING, "Mode change to AUTO failed: no mission")
             return FAILED
-        if mode in {GUIDED, RTL, BRAKE} and not self._cockpit.ready:
+        if mode in _NEEDS_POSITION and not self._cockpit.estimator.local:
             self._cockpit.say(WARNING, f"Mode change to {MODES[mode]} failed: requires position")
             return FAILED
         self._enter(mode)
@@ -208,17 +216,20 @@ class ArduPilot:
 
     def _arm(self, force: float) -> int:
         cockpit = self._cockpit
+        estimator = cockpit.estimator
         refusals = {
-            "AHRS: waiting for home": not cockpit.ready,
+            "VisOdom: not healthy": estimator.sources.vision_position and not estimator.aided,
+            "AHRS: waiting for home": not (estimator.local and estimator.origin_known),
             f"{self.mode_name} mode not armable": self._mode in _NOT_ARMABLE,
-            "GCS failsafe on": self._ground_station_lost,
+            "GCS failsafe on": self._failsafes.ground_station_lost,
         }
         if cockpit.armed:
             return ACCEPTED
-        for reason, holds in refusals.items():
-            if holds and force != FORCE:
-                cockpit.say(CRITICAL, f"Arm: {reason}")
-                return FAILED
+        reasons = [reason for reason, holds in refusals.items() if holds and force != FORCE]
+        for reason in reasons:
+            cockpit.say(CRITICAL, f"Arm: {reason}")
+        if reasons:
+            return FAILED
         cockpit.arm()
         self._hold_here()
         cockpit.say(INFO, "Arming motors")
@@ -245,6 +256,8 @@ class ArduPilot:
     def _change_speed(self, kind: int, speed_m_s: float) -> int:
         if kind not in {0, 1, 2, 3} or not speed_m_s > 0.0:
             return FAILED
+        if self._cockpit.ignores_speed:
+            return ACCEPTED
         if kind < 2:
             self._speed_m_s = speed_m_s
         else:
@@ -258,7 +271,8 @@ class ArduPilot:
             yaw_rad = self._goal.yaw_rad - math.copysign(math.radians(params[0]), params[2] or 1.0)
         else:
             yaw_rad = swap_yaw(math.radians(params[0]))
-        self._goal = replace(self._goal, yaw_rad=yaw_rad)
+        rate_deg_s = params[1] if 0.0 < params[1] < math.inf else _DEFAULT_TURN_DEG_S
+        self._goal = replace(self._goal, yaw_rad=yaw_rad, turn_rad_s=math.radians(rate_deg_s))
         return ACCEPTED
 
     # --- set-points ---------------------------------------------------------------------------------------
@@ -273,6 +287,6 @@ class ArduPilot:
         if goal is None:
             self._hold_here()
             return
-        moving = not np.any(np.isnan(goal.velocity_m_s))
+        moving = not (np.any(np.isnan(goal.velocity_m_s)) and np.any(np.isnan(goal.acceleration_m_s2)))
         self._goal = goal
         self._goal_ends_s = cockpit.now_s + cockpit.params["GUID_TIMEOUT"] if moving else math.inf

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from camrig.geometry.arrays import Array
+from camrig_emulators.mavlink.battery import Battery
 from camrig_emulators.mavlink.dynamics import Airframe, Demand
+from camrig_emulators.mavlink.estimator import Estimator
 from camrig_emulators.mavlink.frames import LocalFrame
 from camrig_emulators.mavlink.history import Sample
+from camrig_emulators.mavlink.mount import Mount
 from camrig_emulators.mavlink.params import Params
 from camrig_emulators.mavlink.settings import MavlinkDroneSettings
 
@@ -24,6 +27,15 @@ _LANDED_AFTER_S = 0.2
 _NEAR_HOME_M = 0.3
 
 
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A STATUSTEXT; numbers go up by one."""
+
+    number: int
+    severity: int
+    text: str
+
+
 @dataclass(eq=False)
 class Cockpit:
     """State that both firmwares read and write; times are of the emulator's clock, places in the world."""
@@ -33,14 +45,21 @@ class Cockpit:
     frame: LocalFrame
     params: Params
     sample: Sample
-    ready_at_s: float
+    estimator: Estimator
+    battery: Battery
+    mount: Mount | None
     armed: bool = False
     landed: bool = True
     flown: bool = False
     """Whether it has left the floor since it was armed."""
     critical: bool = False
     home_m: Array | None = None
-    texts: deque[tuple[int, str]] = field(default_factory=lambda: deque(maxlen=100))
+    fence_breach: int = 0
+    """FENCE_BREACH: 0 none, 2 height, 3 distance."""
+    ignores_speed: bool = False
+    """A fault: a change of speed is acknowledged and forgotten."""
+    texts: deque[Text] = field(default_factory=lambda: deque(maxlen=100))
+    _texts_said: int = 0
     _armed_at_s: float = -math.inf
     _touched_s: float = -math.inf
 
@@ -51,8 +70,8 @@ class Cockpit:
 
     @property
     def ready(self) -> bool:
-        """Whether the estimator knows where it is."""
-        return self.now_s >= self.ready_at_s
+        """Whether the estimator knows where it is, well enough to arm."""
+        return self.estimator.ready
 
     @property
     def yaw_rad(self) -> float:
@@ -72,6 +91,8 @@ class Cockpit:
     def update(self, sample: Sample) -> None:
         """Take the newest sample; works out whether it stands on the floor."""
         self.sample = sample
+        if self.mount is not None:
+            self.mount.advance(sample.stamp_s)
         if self.home_m is None and self.ready:
             self.home_m = sample.position_m
         if not self.airframe.on_floor:
@@ -82,8 +103,16 @@ class Cockpit:
         self.landed = self.now_s - self._touched_s >= _LANDED_AFTER_S
 
     def say(self, severity: int, text: str) -> None:
-        """Queue a STATUSTEXT."""
-        self.texts.append((severity, text))
+        """Put a STATUSTEXT on record for all links."""
+        self._texts_said += 1
+        self.texts.append(Text(self._texts_said, severity, text))
+
+    def tell_origin(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> bool:
+        """Place the local origin on the globe; what is there stays. Returns whether it had none before."""
+        if not self.estimator.tell_origin():
+            return False
+        self.frame = replace(self.frame, latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=altitude_m)
+        return True
 
     def arm(self) -> None:
         """Arm here; this place becomes home."""
@@ -100,13 +129,24 @@ class Cockpit:
         braking_s = float(np.linalg.norm(velocity)) / (2.0 * self.settings.acceleration_m_s2)
         return Demand(position_m=self.sample.position_m + velocity * braking_s, yaw_rad=self.yaw_rad)
 
-    def sink(self, place: Demand, speed_m_s: float) -> Demand | None:
-        """Descend over a place until the floor carries it."""
+    def sink(self, place: Demand, speed_m_s: float, *, adrift: bool = False) -> Demand | None:
+        """Descend over a place, or adrift, until the floor carries it."""
         if self.landed:
             return None
         x, y, _ = place.position_m
         down = np.array([np.nan, np.nan, -speed_m_s])
-        return Demand(position_m=np.array([x, y, np.nan]), velocity_m_s=down, yaw_rad=place.yaw_rad)
+        return Demand(position_m=np.array([x, y, np.nan]), velocity_m_s=down, yaw_rad=place.yaw_rad, adrift=adrift)
+
+    def watch_fence(self, height_m: float, radius_m: float) -> str | None:
+        """Judge the place by limits above and around home, 0 for none; return what was breached just now."""
+        breach = 0
+        if self.home_m is not None and self.armed:
+            away = self.sample.position_m - self.home_m
+            too_far = 0.0 < radius_m < float(np.hypot(away[0], away[1]))
+            breach = 2 if 0.0 < height_m < away[2] else 3 if too_far else 0
+        new = breach not in {0, self.fence_breach}
+        self.fence_breach = breach
+        return {2: "height", 3: "distance"}[breach] if new else None
 
 
 @dataclass(eq=False)

@@ -20,6 +20,9 @@ _BRAKING = 0.7  # part of the acceleration limit that the approach to a place co
 _HOVER_TAU_S = 0.5
 _ESTIMATE_TAU_S = 2.0
 _ESTIMATE_ATTITUDE_TAU_S = 3.0
+_WANDER_TAU_S = 20.0
+_WIND_GAIN = 0.3  # 1/s: of the air's speed over ground, as acceleration
+_ADRIFT_M_S2 = (0.08, 0.06)  # of a body that is only kept level
 
 _UNSET: Array = np.full(3, np.nan)
 
@@ -28,16 +31,21 @@ _UNSET: Array = np.full(3, np.nan)
 class Demand:
     """What the autopilot wants, in the world; NaN leaves an axis to the other triple.
 
-    A position with a velocity is flown with that velocity fed forward; an axis with neither stands still. Without a
-    yaw the body turns at ``yaw_rate_rad_s``. ``speed_m_s`` and ``climb_m_s`` lower the limits of the approach.
+    A position with a velocity is flown with that velocity fed forward, an acceleration always is; an axis with none of
+    them stands still. Without a
+    yaw the body turns at ``yaw_rate_rad_s``. ``speed_m_s``, ``climb_m_s`` and ``turn_rad_s`` lower the limits of the
+    approach. ``adrift`` leaves the horizontal to the wind.
     """
 
     position_m: Array = field(default_factory=lambda: _UNSET)
     velocity_m_s: Array = field(default_factory=lambda: _UNSET)
+    acceleration_m_s2: Array = field(default_factory=lambda: _UNSET)
     yaw_rad: float = math.nan
     yaw_rate_rad_s: float = 0.0
     speed_m_s: float = math.inf
     climb_m_s: float = math.inf
+    turn_rad_s: float = math.inf
+    adrift: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +92,15 @@ class Airframe:
         position, attitude = settings.estimate_noise_m, math.radians(settings.estimate_noise_deg)
         sigma = np.repeat([settings.hover_noise_m, position, attitude], 3)
         self._noise = ColouredNoise(sigma, np.repeat([_HOVER_TAU_S, _ESTIMATE_TAU_S, _ESTIMATE_ATTITUDE_TAU_S], 3), rng)
+        self._wander = ColouredNoise(np.full(3, settings.estimate_wander_m), np.full(3, _WANDER_TAU_S), rng)
+        self.wanders = settings.estimate_wander_m > 0.0
+        """Whether the estimate suffers from GPS."""
+        self.offset_m = np.zeros(3)
+        self.offset_m_s = np.zeros(3)
+        self.offset_yaw_rad = 0.0
+        """The estimator's own error, on top of its noise: ``Estimator`` sets all three."""
+        self.wind_m_s = 0.0
+        """Of the wind, which blows to the east."""
 
     @property
     def on_floor(self) -> bool:
@@ -106,21 +123,24 @@ class Airframe:
     @property
     def position_error_m(self) -> Array:
         """(3,) estimate minus truth."""
-        return self._noise.value[3:6]
+        error_m = self._noise.value[3:6] + self.offset_m
+        return np.asarray(error_m + self._wander.value if self.wanders else error_m)
 
     @property
     def velocity_error_m_s(self) -> Array:
         """(3,) estimate minus truth."""
-        return self._noise.rate[3:6]
+        return np.asarray(self._noise.rate[3:6] + self.offset_m_s)
 
     @property
     def attitude_error_rad(self) -> Array:
         """(3,) rotation vector about world axes from truth to estimate."""
-        return self._noise.value[6:9]
+        return np.asarray(self._noise.value[6:9] + np.array([0.0, 0.0, self.offset_yaw_rad]))
 
     def advance(self, dt_s: float, demand: Demand | None) -> None:
         """Move on by ``dt_s``; without a demand the rotors stand still."""
         self._noise.advance(dt_s)
+        if self.wanders:
+            self._wander.advance(dt_s)
         wanted_m_s2 = np.array([0.0, 0.0, -GRAVITY_M_S2]) if demand is None else self._wanted_acceleration(demand)
         if self.on_floor and wanted_m_s2[2] <= 0.0:
             self._rest()
@@ -158,10 +178,16 @@ class Airframe:
             climb_m_s = abs(float(velocity[2]))
         velocity[2:] = _clipped(velocity[2:] + _approach(error_m[2:], limit_m_s2), climb_m_s)
         wanted = _VELOCITY_GAIN * (velocity - self._nominal.velocity_m_s)
-        return np.concatenate([_clipped(wanted[:2], limit_m_s2), _clipped(wanted[2:], limit_m_s2)])
+        fed = np.isfinite(demand.acceleration_m_s2)
+        if np.any(fed):
+            free = fed & np.isnan(demand.position_m) & np.isnan(demand.velocity_m_s)
+            wanted = np.where(free, 0.0, wanted) + np.where(fed, demand.acceleration_m_s2, 0.0)
+        horizontal = np.array(_ADRIFT_M_S2) if demand.adrift else wanted[:2]
+        pushed = horizontal + np.array([_WIND_GAIN * self.wind_m_s, 0.0])
+        return np.concatenate([_clipped(pushed, limit_m_s2), _clipped(wanted[2:], limit_m_s2)])
 
     def _wanted_yaw_rate(self, demand: Demand) -> float:
-        limit = math.radians(self._settings.yaw_rate_deg_s)
+        limit = min(demand.turn_rad_s, math.radians(self._settings.yaw_rate_deg_s))
         rate = demand.yaw_rate_rad_s
         if not math.isnan(demand.yaw_rad):
             estimate = self._nominal.yaw_rad + float(self.attitude_error_rad[2])

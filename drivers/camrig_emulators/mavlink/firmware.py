@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Protocol
 
 from camrig_emulators.mavlink.dynamics import Demand
@@ -20,7 +21,7 @@ class Firmware(Protocol):
     """The habits of one autopilot; ``Cockpit`` tells it what is, ``step`` says what it wants."""
 
     autopilot: int
-    default_streams_hz: dict[int, float]
+    default_streams_hz: Mapping[int, float]
     text_ending: str
     heartbeat_delay_s: float
     """From a change of mode to the extra HEARTBEAT that tells of it."""
@@ -38,8 +39,18 @@ class Firmware(Protocol):
         ...
 
     @property
+    def modes(self) -> dict[str, int]:
+        """All ``custom_mode`` by name, in small letters."""
+        ...
+
+    @property
     def landed_state(self) -> int:
         """EXTENDED_SYS_STATE's MAV_LANDED_STATE."""
+        ...
+
+    @property
+    def goal(self) -> Demand:
+        """What it is flying to."""
         ...
 
     @property
@@ -61,4 +72,12 @@ class Firmware(Protocol):
 
     def ground_station_beat(self, system: int) -> None:
         """Take note of a ground station's HEARTBEAT."""
+        ...
+
+    def parameter_set(self, name: str) -> None:
+        """Take note of a parameter that somebody has set."""
+        ...
+
+    def change_mode(self, mode: int) -> int:
+        """Enter a ``custom_mode``, as a command does; returns the MAV_RESULT."""
         ...

@@ -43,7 +43,12 @@ def euler(R: Array) -> tuple[float, float, float]:
 
 def quaternion(R: Array) -> tuple[float, float, float, float]:
     """Return w, x, y, z (w >= 0) of a (3, 3) rotation, by way of its roll, pitch and yaw."""
-    roll, pitch, yaw = (angle / 2.0 for angle in euler(R))
+    return quaternion_of(*euler(R))
+
+
+def quaternion_of(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float, float, float, float]:
+    """Return w, x, y, z (w >= 0) of Rz(yaw) Ry(pitch) Rx(roll)."""
+    roll, pitch, yaw = roll_rad / 2.0, pitch_rad / 2.0, yaw_rad / 2.0
     cr, sr, cp, sp, cy, sy = (f(angle) for angle in (roll, pitch, yaw) for f in (math.cos, math.sin))
     w = cr * cp * cy + sr * sp * sy
     sign = 1.0 if w >= 0.0 else -1.0
@@ -53,6 +58,11 @@ def quaternion(R: Array) -> tuple[float, float, float, float]:
         sign * (cr * sp * cy + sr * cp * sy),
         sign * (cr * cp * sy - sr * sp * cy),
     )
+
+
+def yaw_of(w: float, x: float, y: float, z: float) -> float:
+    """Return the yaw of a unit quaternion."""
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def turn(rotation_vector: Array) -> Array:
@@ -81,6 +91,12 @@ class LocalFrame:
     def to_world(self, position_ned: Array) -> Array:
         """Turn a (3,) local NED place into the world; NaNs stay on their axes."""
         return swap(position_ned) + self.origin_m
+
+    def from_globe(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+        """Return east and north of a place on the globe, in the world."""
+        north_m = (latitude_deg - self.latitude_deg) * _METRES_PER_DEGREE
+        east_m = (longitude_deg - self.longitude_deg) * _METRES_PER_DEGREE * math.cos(math.radians(self.latitude_deg))
+        return east_m + float(self.origin_m[0]), north_m + float(self.origin_m[1])
 
     def to_globe(self, position_m: Array) -> tuple[int, int, int]:
         """Return latitude and longitude in 1e-7 degrees and altitude above sea in millimetres."""

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
-from pymavlink.dialects.v20 import common as dialect
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from camrig.geometry.arrays import Array
 from camrig_emulators.mavlink.frames import R_ned_frd, euler, quaternion, swap
 from camrig_emulators.mavlink.history import Sample
+from camrig_emulators.mavlink.params import RELEASES
 from camrig_emulators.mavlink.vehicle import Vehicle
 
 Message: TypeAlias = Any
@@ -22,12 +24,10 @@ Message: TypeAlias = Any
 _QUADROTOR = 2
 _CUSTOM, _STABILIZE, _GUIDED, _ARMED = 1, 16, 8, 128  # MAV_MODE_FLAG
 _STANDBY, _ACTIVE, _STATE_CRITICAL = 3, 4, 5  # MAV_STATE
-_SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x100000 | 0x200000 | 0x2000000  # gyro … GPS, fence, AHRS, battery
-_PREARM = 0x10000000
-_ENDURANCE_S = 1200.0
-_FULL_V, _EMPTY_V = 16.8, 14.0
+_SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x200000 | 0x2000000  # gyro, accelerometer, magnetometer, barometer, AHRS, battery
+_GPS, _VISION, _FENCE, _AHRS, _PREARM = 0x20, 0x80, 0x100000, 0x200000, 0x10000000
 _UNKNOWN_CELL = 0xFFFF
-_VERSIONS = {3: 0x04070000, 12: 0x011100FF}  # ArduCopter 4.7 dev, PX4 1.17.0
+_DEVELOPMENT, _OFFICIAL = 0, 0xFF  # FIRMWARE_VERSION_TYPE
 _CAPABILITIES = 0x2 | 0x8 | 0x80 | 0x100 | 0x2000 | 0x40000  # float params, COMMAND_INT, local and global targets …
 
 
@@ -59,17 +59,6 @@ class Report:
         x, y, z = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / (2.0 * dt_s)
         return float(x), float(y), float(z)
 
-    @property
-    def battery(self) -> float:
-        """Charge left, from 1 to 0."""
-        start_s = self.vehicle.history.start_s
-        return max(0.0, 1.0 - (self.sample.stamp_s - start_s) / _ENDURANCE_S)
-
-    @property
-    def battery_V(self) -> float:
-        """Voltage."""
-        return _EMPTY_V + (_FULL_V - _EMPTY_V) * self.battery
-
 
 def heartbeat(report: Report) -> Message:
     """HEARTBEAT (0)."""
@@ -81,17 +70,29 @@ def heartbeat(report: Report) -> Message:
 
 
 def sys_status(report: Report) -> Message:
-    """SYS_STATUS (1)."""
-    present = _SENSORS | _PREARM
-    healthy = present if report.vehicle.cockpit.ready else present & ~(_PREARM | 0x20 | 0x200000)
-    charge = round(100.0 * report.battery)
+    """SYS_STATUS (1). A sensor that the firmware does not navigate by is not there."""
+    cockpit, stamp_s = report.vehicle.cockpit, report.sample.stamp_s
+    estimator = cockpit.estimator
+    source = _GPS if estimator.sources.gps else _VISION if estimator.sources.vision_position else 0
+    present = _SENSORS | _FENCE | _PREARM | source
+    faulty = {
+        _PREARM: not estimator.ready,
+        source: not estimator.aided,
+        _AHRS: not estimator.local,
+        _FENCE: cockpit.fence_breach != 0,
+    }
+    healthy = present & ~sum(bit for bit, is_faulty in faulty.items() if is_faulty)
+    voltage_mV, charge = round(1e3 * cockpit.battery.voltage_V(stamp_s)), round(100.0 * cockpit.battery.charge(stamp_s))
     return dialect.MAVLink_sys_status_message(
-        present, present, healthy, 200, round(1e3 * report.battery_V), 1500, charge, 0, 0, 0, 0, 0, 0
+        present, present, healthy, 200, voltage_mV, 1500, charge, 0, 0, 0, 0, 0, 0
     )
 
 
 def gps_raw_int(report: Report) -> Message:
-    """GPS_RAW_INT (24), made up."""
+    """GPS_RAW_INT (24), made up; no fix where the firmware has no GPS, or it is blinded."""
+    estimator = report.vehicle.cockpit.estimator
+    if not estimator.sources.gps or estimator.blinded:
+        return dialect.MAVLink_gps_raw_int_message(report.boot_ms * 1000, 0, 0, 0, 0, 0xFFFF, 0xFFFF, 0, 0xFFFF, 0)
     latitude, longitude, altitude = report.vehicle.cockpit.frame.to_globe(report.sample.position_m)
     usec = report.boot_ms * 1000
     return dialect.MAVLink_gps_raw_int_message(usec, 3, latitude, longitude, altitude, 90, 120, 0, 0xFFFF, 12)
@@ -109,7 +110,7 @@ def attitude_quaternion(report: Report) -> Message:
 
 def local_position_ned(report: Report) -> Message:
     """LOCAL_POSITION_NED (32), once there is an estimate."""
-    if not report.vehicle.cockpit.ready:
+    if not report.vehicle.cockpit.estimator.local:
         return None
     position = report.vehicle.cockpit.frame.to_ned(report.sample.position_m)
     velocity = swap(report.sample.velocity_m_s)
@@ -119,7 +120,7 @@ def local_position_ned(report: Report) -> Message:
 def global_position_int(report: Report) -> Message:
     """GLOBAL_POSITION_INT (33), on a flat earth."""
     cockpit = report.vehicle.cockpit
-    if not cockpit.ready or cockpit.home_m is None:
+    if not (cockpit.estimator.local and cockpit.estimator.origin_known) or cockpit.home_m is None:
         return None
     position_m = report.sample.position_m
     above_home_mm = round(1e3 * float(position_m[2] - cockpit.home_m[2]))
@@ -132,8 +133,10 @@ def global_position_int(report: Report) -> Message:
 
 def battery_status(report: Report) -> Message:
     """BATTERY_STATUS (147)."""
-    voltages = [round(1e3 * report.battery_V)] + [_UNKNOWN_CELL] * 9
-    return dialect.MAVLink_battery_status_message(0, 0, 1, 2500, voltages, 1500, -1, -1, round(100.0 * report.battery))
+    battery, stamp_s = report.vehicle.cockpit.battery, report.sample.stamp_s
+    voltages = [round(1e3 * battery.voltage_V(stamp_s))] + [_UNKNOWN_CELL] * 9
+    charge = round(100.0 * battery.charge(stamp_s))
+    return dialect.MAVLink_battery_status_message(0, 0, 1, 2500, voltages, 1500, -1, -1, charge)
 
 
 def home_position(report: Report) -> Message:
@@ -150,8 +153,10 @@ def autopilot_version(report: Report) -> Message:
     """AUTOPILOT_VERSION (148)."""
     vehicle = report.vehicle
     uid = vehicle.settings.system
-    version = _VERSIONS[vehicle.firmware.autopilot]
-    none = [0] * 8
+    release = vehicle.settings.release or RELEASES[vehicle.settings.flavour][-1]
+    major, minor = (int(part) for part in release.split("."))
+    kind = _DEVELOPMENT if release == "4.7" else _OFFICIAL
+    version, none = major << 24 | minor << 16 | kind, [0] * 8
     return dialect.MAVLink_autopilot_version_message(_CAPABILITIES, version, 0, 0, 0, none, none, none, 0, 0, uid)
 
 
@@ -165,18 +170,20 @@ def timesync(report: Report) -> Message:
     return dialect.MAVLink_timesync_message(0, report.vehicle.boot_ns(report.sample.stamp_s))
 
 
-TELEMETRY: dict[int, Callable[[Report], Message]] = {
-    0: heartbeat,
-    1: sys_status,
-    24: gps_raw_int,
-    30: attitude,
-    31: attitude_quaternion,
-    32: local_position_ned,
-    33: global_position_int,
-    111: timesync,
-    147: battery_status,
-    148: autopilot_version,
-    242: home_position,
-    245: extended_sys_state,
-}
-"""Every message that can be asked for, by its number."""
+TELEMETRY: Mapping[int, Callable[[Report], Message]] = MappingProxyType(
+    {
+        0: heartbeat,
+        1: sys_status,
+        24: gps_raw_int,
+        30: attitude,
+        31: attitude_quaternion,
+        32: local_position_ned,
+        33: global_position_int,
+        111: timesync,
+        147: battery_status,
+        148: autopilot_version,
+        242: home_position,
+        245: extended_sys_state,
+    }
+)
+"""What ground stations need, by number."""

@@ -7,9 +7,93 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from camrig_emulators.mavlink.settings import MavlinkDroneSettings
-
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE
+
+RELEASES: dict[str, tuple[str, ...]] = {"ardupilot": ("4.5", "4.6", "4.7"), "px4": ("1.17",)}
+"""Emulated, oldest first."""
+
+Table = Mapping[str, tuple[float, int]]
+
+_ARDUPILOT: Table = {
+    "MAV_SYSID": (1, INT16),
+    "MAV_GCS_SYSID": (255, INT16),
+    "FS_GCS_ENABLE": (0, INT8),
+    "FS_GCS_TIMEOUT": (5.0, REAL32),
+    "FS_EKF_ACTION": (1, INT8),
+    "FS_EKF_THRESH": (0.8, REAL32),
+    "GUID_TIMEOUT": (3.0, REAL32),
+    "GUID_OPTIONS": (0, INT32),
+    "DISARM_DELAY": (10, INT8),
+    "WPNAV_SPEED": (1000.0, REAL32),
+    "LAND_SPEED": (50.0, REAL32),
+    "RTL_ALT": (1500.0, REAL32),
+    "FENCE_ENABLE": (0, INT8),
+    "FENCE_TYPE": (7, INT8),
+    "FENCE_ACTION": (1, INT8),
+    "FENCE_ALT_MAX": (100.0, REAL32),
+    "FENCE_RADIUS": (300.0, REAL32),
+    "BATT_MONITOR": (4, INT8),
+    "BATT_LOW_MAH": (0.0, REAL32),
+    "BATT_CRT_MAH": (0.0, REAL32),
+    "BATT_CAPACITY": (3300, INT32),
+    "BATT_FS_LOW_ACT": (0, INT8),
+    "BATT_FS_CRT_ACT": (0, INT8),
+    "GPS1_TYPE": (1, INT8),
+    "COMPASS_ENABLE": (1, INT8),
+    "EK3_SRC1_POSXY": (3, INT8),
+    "EK3_SRC1_POSZ": (1, INT8),
+    "EK3_SRC1_VELXY": (3, INT8),
+    "EK3_SRC1_VELZ": (3, INT8),
+    "EK3_SRC1_YAW": (1, INT8),
+    "VISO_TYPE": (0, INT8),
+    "VISO_DELAY_MS": (10, INT16),
+    "MNT1_TYPE": (0, INT8),
+    "MNT1_PITCH_MIN": (-90.0, REAL32),
+    "MNT1_PITCH_MAX": (20.0, REAL32),
+}
+
+_PX4: Table = {
+    "MAV_SYS_ID": (1, INT32),
+    "COM_OF_LOSS_T": (1.0, REAL32),
+    "COM_OBL_RC_ACT": (0, INT32),
+    "COM_FAIL_ACT_T": (5.0, REAL32),
+    "COM_DL_LOSS_T": (10, INT32),
+    "COM_DISARM_LAND": (2.0, REAL32),
+    "COM_DISARM_PRFLT": (10.0, REAL32),
+    "COM_RC_IN_MODE": (1, INT32),
+    "COM_LOW_BAT_ACT": (0, INT32),
+    "BAT_LOW_THR": (0.15, REAL32),
+    "BAT_CRIT_THR": (0.07, REAL32),
+    "NAV_DLL_ACT": (0, INT32),
+    "MIS_TAKEOFF_ALT": (2.5, REAL32),
+    "MPC_XY_VEL_MAX": (12.0, REAL32),
+    "MPC_LAND_SPEED": (0.7, REAL32),
+    "RTL_RETURN_ALT": (30.0, REAL32),
+    "GF_ACTION": (2, INT32),
+    "GF_MAX_HOR_DIST": (0.0, REAL32),
+    "GF_MAX_VER_DIST": (0.0, REAL32),
+    "SYS_HAS_GPS": (1, INT32),
+    "EKF2_EV_CTRL": (0, INT32),
+    "EKF2_EV_DELAY": (0.0, REAL32),
+    "EKF2_GPS_CTRL": (7, INT32),
+    "EKF2_HGT_REF": (1, INT32),
+    "EKF2_MAG_TYPE": (0, INT32),
+    "MNT_MODE_IN": (-1, INT32),
+    "MNT_MODE_OUT": (0, INT32),
+}
+
+_BEFORE_4_7 = {"MAV_SYSID": "SYSID_THISMAV", "MAV_GCS_SYSID": "SYSID_MYGCS"}
+_BEFORE_4_6 = {**_BEFORE_4_7, "GPS1_TYPE": "GPS_TYPE"}
+_OLD_NAMES: dict[str, dict[str, str]] = {"4.5": _BEFORE_4_6, "4.6": _BEFORE_4_7}
+
+PARAMETERS_OF: dict[tuple[str, str], Table] = {
+    ("px4", "1.17"): _PX4,
+    **{
+        ("ardupilot", release): {_OLD_NAMES.get(release, {}).get(name, name): kept for name, kept in _ARDUPILOT.items()}
+        for release in RELEASES["ardupilot"]
+    },
+}
+"""Names, defaults and types by flavour and release."""
 
 
 @dataclass(slots=True)
@@ -21,25 +105,35 @@ class Param:
 
 
 class Params:
-    """A table in the order of its indices.
+    """One vehicle's table, in the order of its indices; it outlives a reboot.
 
-    ``raw_integers``: PX4 puts an integer's 32 bits into the float field, ArduPilot casts it to a float.
+    ``values`` differ from the defaults. PX4 puts an integer's 32 bits into the float field, ArduPilot casts it to a
+    float. Emulated firmware reads by the newest names, whatever the release calls them.
     """
 
-    def __init__(self, table: Mapping[str, tuple[float, int]], *, raw_integers: bool) -> None:
-        self._params = {name: Param(value, kind) for name, (value, kind) in table.items()}
-        self._raw_integers = raw_integers
+    def __init__(self, flavour: str, release: str | None, values: Mapping[str, float]) -> None:
+        release = release or RELEASES[flavour][-1]
+        self._alias = _OLD_NAMES.get(release, {})
+        self._raw_integers = flavour == "px4"
+        self._params = {name: Param(value, kind) for name, (value, kind) in PARAMETERS_OF[flavour, release].items()}
+        for name, value in values.items():
+            self.set(self._alias.get(name, name), value)
 
     def __getitem__(self, name: str) -> float:
-        return self._params[name].value
+        return self._params[self._alias.get(name, name)].value
 
     def __len__(self) -> int:
         return len(self._params)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All names, by index."""
+        """All names of this release, by index."""
         return tuple(self._params)
+
+    def snapshot(self) -> dict[str, float]:
+        """Return all values by the newest names."""
+        newest = {old: new for new, old in self._alias.items()}
+        return {newest.get(name, name): param.value for name, param in self._params.items()}
 
     def kind(self, name: str) -> int:
         """Return a parameter's MAV_PARAM_TYPE."""
@@ -55,7 +149,7 @@ class Params:
         """Return the value as PARAM_VALUE carries it."""
         param = self._params[name]
         if self._raw_integers and param.kind != REAL32:
-            return float(struct.unpack("<f", struct.pack("<i", int(param.value)))[0])
+            return float(struct.unpack("<f", struct.pack("<i", _int32(param.value)))[0])
         return param.value
 
     def decode(self, name: str, wire: float) -> float:
@@ -65,42 +159,5 @@ class Params:
         return wire
 
 
-def ardupilot_params(settings: MavlinkDroneSettings) -> Params:
-    """ArduCopter's defaults (4.7 names), with the speeds of the settings."""
-    table = {
-        "MAV_SYSID": (settings.system, INT16),
-        "MAV_GCS_SYSID": (255, INT16),
-        "FS_GCS_ENABLE": (0, INT8),
-        "FS_GCS_TIMEOUT": (5.0, REAL32),
-        "GUID_TIMEOUT": (3.0, REAL32),
-        "DISARM_DELAY": (10, INT8),
-        "WPNAV_SPEED": (100.0 * settings.max_speed_m_s, REAL32),
-        "LAND_SPEED": (100.0 * settings.land_speed_m_s, REAL32),
-        "RTL_ALT": (1500.0, REAL32),
-        "FENCE_ENABLE": (0, INT8),
-        "EK3_SRC1_POSXY": (3, INT8),
-        "VISO_TYPE": (0, INT8),
-    }
-    return Params(table, raw_integers=False)
-
-
-def px4_params(settings: MavlinkDroneSettings) -> Params:
-    """PX4's defaults as its simulation has them, with the speeds of the settings."""
-    table = {
-        "MAV_SYS_ID": (settings.system, INT32),
-        "COM_OF_LOSS_T": (1.0, REAL32),
-        "COM_OBL_RC_ACT": (0, INT32),
-        "COM_FAIL_ACT_T": (5.0, REAL32),
-        "COM_DL_LOSS_T": (10, INT32),
-        "COM_DISARM_LAND": (settings.land_disarm_s, REAL32),
-        "COM_DISARM_PRFLT": (10.0, REAL32),
-        "COM_RC_IN_MODE": (1, INT32),
-        "NAV_DLL_ACT": (0, INT32),
-        "MIS_TAKEOFF_ALT": (2.5, REAL32),
-        "MPC_XY_VEL_MAX": (settings.max_speed_m_s, REAL32),
-        "MPC_LAND_SPEED": (settings.land_speed_m_s, REAL32),
-        "RTL_RETURN_ALT": (30.0, REAL32),
-        "EKF2_EV_CTRL": (0, INT32),
-        "EKF2_GPS_CTRL": (7, INT32),
-    }
-    return Params(table, raw_integers=True)
+def _int32(value: float) -> int:
+    return int(max(-(2.0**31), min(2.0**31 - 1.0, value)))

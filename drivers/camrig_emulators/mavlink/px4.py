@@ -9,63 +9,36 @@ import numpy as np
 from camrig_emulators.mavlink.cockpit import (
     ACCEPTED,
     CRITICAL,
+    DENIED,
     FORCE,
     INFO,
     REACHED_M,
     TEMPORARILY_REJECTED,
     UNSUPPORTED,
-    WARNING,
     Cockpit,
     ReturnHome,
 )
 from camrig_emulators.mavlink.dynamics import Demand
 from camrig_emulators.mavlink.firmware import CommandParams, whole
+from camrig_emulators.mavlink.px4_failsafes import Px4Failsafes
+from camrig_emulators.mavlink.px4_modes import ALTCTL, HOLD, LAND, MODES, OFFBOARD, RTL, TAKEOFF, custom_mode
 from camrig_emulators.mavlink.set_points import PX4_FRAMES, SetPoint, px4_goal
+from camrig_emulators.mavlink.streams import PX4_STREAMS_HZ
 
-
-def custom_mode(main: int, sub: int = 0) -> int:
-    """Pack PX4's main and sub mode as HEARTBEAT carries them."""
-    return main << 16 | sub << 24
-
-
-OFFBOARD, HOLD, TAKEOFF = custom_mode(6), custom_mode(4, 3), custom_mode(4, 2)
-MISSION, RTL, LAND = custom_mode(4, 4), custom_mode(4, 5), custom_mode(4, 6)
-MODES = {
-    custom_mode(1): "Manual",
-    custom_mode(2): "Altitude",
-    custom_mode(3): "Position",
-    OFFBOARD: "Offboard",
-    HOLD: "Hold",
-    TAKEOFF: "Takeoff",
-    MISSION: "Mission",
-    RTL: "Return",
-    LAND: "Land",
-}
 _SPOOL_UP_S = 1.0
 _LIFT_OFF_M = 0.1
-_DATA_LINK_CHECK_S = 2.0  # measured: 12 s with COM_DL_LOSS_T 10
-_TALKS_FOR_S = 2.5  # STATUSTEXTs wait while no ground station is heard
+_ALTITUDE_SINK_M_S = 0.5  # ALTCTL without sticks: measured 4 s from 2 m
+_ESTIMATOR_PATIENCE_S = 5.1  # measured
 _OFFBOARD_LOSS_MODES = {4: LAND, 5: HOLD}  # COM_OBL_RC_ACT; all others need a remote control and become RTL
-_DATA_LINK_LOSS_MODES = {1: HOLD, 2: RTL, 3: LAND}  # NAV_DLL_ACT
+_HEIGHT_BY_VISION = {"EKF2_GPS_CTRL", "EKF2_HGT_REF", "SYS_HAS_GPS"}
+_NO_REMOTE_NEEDED = (1, 4)  # COM_RC_IN_MODE
 
 
 class Px4:
     """A ``Firmware``. ``_intent`` is the mode last asked for, ``_failsafe`` the one that overrides it."""
 
     autopilot = 12
-    default_streams_hz = {  # noqa: RUF012 - pushed unasked
-        0: 1.0,  # HEARTBEAT
-        1: 5.0,  # SYS_STATUS
-        24: 1.0,  # GPS_RAW_INT
-        30: 100.0,  # ATTITUDE
-        31: 50.0,  # ATTITUDE_QUATERNION
-        32: 30.0,  # LOCAL_POSITION_NED
-        33: 50.0,  # GLOBAL_POSITION_INT
-        111: 10.0,  # TIMESYNC
-        147: 0.5,  # BATTERY_STATUS
-        242: 0.5,  # HOME_POSITION
-        245: 5.0,  # EXTENDED_SYS_STATE
-    }
+    default_streams_hz = PX4_STREAMS_HZ
     text_ending = "\t"
     heartbeat_delay_s = 0.4
     double_ack_rate = 0.1
@@ -78,8 +51,8 @@ class Px4:
         self._return: ReturnHome | None = None
         self._set_point_s = -math.inf
         self._stream_lost_s = math.inf
-        self._ground_station_s = -math.inf
-        self._data_link_lost = False
+        self._height_lost = False
+        self._failsafes = Px4Failsafes(cockpit)
 
     @property
     def custom_mode(self) -> int:
@@ -96,23 +69,37 @@ class Px4:
         return {TAKEOFF: 3, LAND: 4}.get(self.custom_mode, 2)
 
     @property
+    def goal(self) -> Demand:
+        return self._goal
+
+    @property
     def talks(self) -> bool:
-        return self._cockpit.now_s - self._ground_station_s < _TALKS_FOR_S
+        return self._failsafes.ground_station_heard
 
     @property
     def _streaming(self) -> bool:
         return self._cockpit.now_s - self._set_point_s <= self._cockpit.params["COM_OF_LOSS_T"]
 
+    @property
+    def modes(self) -> dict[str, int]:
+        return {name.lower(): number for number, name in MODES.items()}
+
     def ground_station_beat(self, system: int) -> None:
         del system  # PX4 takes any ground station
-        self._ground_station_s = self._cockpit.now_s
-        if self._data_link_lost:
-            self._data_link_lost = False
-            self._cockpit.say(INFO, "Ground station connection regained")
+        self._failsafes.ground_station_beat()
+
+    def parameter_set(self, name: str) -> None:
+        """Use a new source of height at once, as if it counted from the sea: the place then seems to be a pit."""
+        estimator = self._cockpit.estimator
+        if name in _HEIGHT_BY_VISION and estimator.sources.gps and estimator.local and not self._height_lost:
+            self._height_lost = True
+            estimator.jump(np.array([0.0, 0.0, -self._cockpit.frame.altitude_m]))
 
     def step(self) -> Demand | None:
-        self._watch_stream()
-        self._watch_ground_station()
+        self._fall_back()
+        mode = self._failsafes.step()
+        if mode is not None and self._cockpit.armed:
+            self._enter(mode)
         self._disarm_on_floor()
         return self._demand() if self._cockpit.armed else None
 
@@ -122,6 +109,8 @@ class Px4:
             return self._climbing_off(mode)
         if mode == LAND:
             return cockpit.sink(self._goal, cockpit.params["MPC_LAND_SPEED"])
+        if mode == ALTCTL:
+            return cockpit.sink(self._goal, _ALTITUDE_SINK_M_S, adrift=True)
         if self._return is not None:
             return self._return.demand(cockpit)
         return None if cockpit.landed else self._goal
@@ -139,15 +128,24 @@ class Px4:
 
     # --- failsafes ----------------------------------------------------------------------------------------
 
-    def _watch_stream(self) -> None:
-        """Without set-points OFFBOARD becomes Hold, then the action; with them it comes back by itself."""
+    def _fall_back(self) -> None:
+        """Fly what is possible instead of what was asked for; as soon as that is possible, it is flown again."""
         cockpit = self._cockpit
-        if self._intent != OFFBOARD or not cockpit.armed or self._streaming:
+        blind = cockpit.armed and cockpit.estimator.local and cockpit.estimator.lost_s > _ESTIMATOR_PATIENCE_S
+        if blind and (not cockpit.landed or self._failsafe == ALTCTL):
+            if self._failsafe != ALTCTL:
+                cockpit.say(CRITICAL, "Failsafe activated")
+            self._fail_over(ALTCTL)
+        elif self._intent != OFFBOARD or not cockpit.armed or self._streaming:
             self._stream_lost_s = math.inf
-            if self._failsafe is not None:
-                self._fail_over(None)
-            return
-        if self._failsafe is None:
+            self._fail_over(None)
+        else:
+            self._without_stream()
+
+    def _without_stream(self) -> None:
+        """OFFBOARD becomes Hold, and later the action."""
+        cockpit = self._cockpit
+        if self._stream_lost_s == math.inf:
             self._stream_lost_s = cockpit.now_s
             cockpit.say(CRITICAL, "Failsafe activated: no offboard signal")
             self._fail_over(HOLD)
@@ -161,19 +159,6 @@ class Px4:
         self._cockpit.critical = mode is not None
         self._hold_here()
         self._prepare_return()
-
-    def _watch_ground_station(self) -> None:
-        cockpit = self._cockpit
-        silent_s = cockpit.now_s - self._ground_station_s
-        if self._data_link_lost or silent_s < cockpit.params["COM_DL_LOSS_T"] + _DATA_LINK_CHECK_S:
-            return
-        if math.isinf(silent_s):
-            return  # nobody has been there yet
-        self._data_link_lost = True
-        cockpit.say(WARNING, "Connection to ground station lost")
-        action = _DATA_LINK_LOSS_MODES.get(int(cockpit.params["NAV_DLL_ACT"]))
-        if action is not None and cockpit.armed:
-            self._enter(action)
 
     def _disarm_on_floor(self) -> None:
         cockpit = self._cockpit
@@ -207,8 +192,27 @@ class Px4:
             case 178:
                 return ACCEPTED  # of no effect in OFFBOARD
             case 205 | 1000 | 1001:
-                return None  # no gimbal module runs, so nobody answers
+                return self._gimbal(command, params)
         return UNSUPPORTED
+
+    def _gimbal(self, command: int, params: CommandParams) -> int | None:
+        mount = self._cockpit.mount
+        if mount is None:
+            return None  # no gimbal module runs, so nobody answers
+        if command == 1001:
+            taken = (whole(params[0]), whole(params[1]))
+            mount.owner = taken if min(taken) > 0 else mount.owner
+            return ACCEPTED
+        if command == 205:
+            mount.point(params[0], params[2], 0)
+            return ACCEPTED
+        if mount.owner is None:
+            return DENIED  # take control by DO_GIMBAL_MANAGER_CONFIGURE first
+        mount.point(params[0], params[1], whole(params[4]))
+        return ACCEPTED
+
+    def change_mode(self, mode: int) -> int:
+        return self._set_mode(mode >> 16 & 0xFF, mode >> 24 & 0xFF)
 
     def _set_mode(self, main: int, sub: int) -> int:
         mode = custom_mode(main, sub) if 0 <= main <= 255 and 0 <= sub <= 255 else -1
@@ -245,6 +249,7 @@ class Px4:
         refusals = {
             "Arming denied: Resolve system health failures first": not cockpit.ready,
             f"Arming denied: {self.mode_name} mode not armable": self._intent in {LAND, RTL},
+            "Arming denied: no manual control input": self._cockpit.params["COM_RC_IN_MODE"] not in _NO_REMOTE_NEEDED,
             "Arming denied: no offboard signal": self._intent == OFFBOARD and not self._streaming,
         }
         for reason, holds in refusals.items():
@@ -269,8 +274,9 @@ class Px4:
         cockpit = self._cockpit
         if not cockpit.ready:
             return TEMPORARILY_REJECTED
-        if not cockpit.landed:
-            self._enter(HOLD)
+        if not cockpit.landed:  # a repeat while it climbs changes nothing
+            if self.custom_mode != TAKEOFF:
+                self._enter(HOLD)
             return ACCEPTED
         x, y, z = cockpit.sample.position_m
         wanted = altitude_m - cockpit.frame.altitude_m + float(cockpit.frame.origin_m[2])

@@ -16,8 +16,22 @@ LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED = 1, 7, 8, 9  # MAV_FRAME
 ARDUPILOT_FRAMES = (LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED)
 PX4_FRAMES = (LOCAL_NED, BODY_NED)
 
-_POSITION_BITS, _VELOCITY_BITS = (0x001, 0x002, 0x004), (0x008, 0x010, 0x020)
+_POSITION_BITS, _VELOCITY_BITS, _ACCELERATION_BITS = (
+    (0x001, 0x002, 0x004),
+    (0x008, 0x010, 0x020),
+    (0x040, 0x080, 0x100),
+)
+_FORCE = 0x200
 _IGNORE_YAW, _IGNORE_YAW_RATE = 0x400, 0x800
+# position, velocity, acceleration: what ArduCopter has a controller for
+_ARDUPILOT_COMBINATIONS = {
+    (True, False, False),
+    (True, True, False),
+    (True, True, True),
+    (False, True, False),
+    (False, True, True),
+    (False, False, True),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +42,7 @@ class SetPoint:
     type_mask: int
     position: Array
     velocity: Array
+    acceleration: Array
     yaw_rad: float
     yaw_rate_rad_s: float
 
@@ -49,10 +64,12 @@ def ardupilot_goal(point: SetPoint, cockpit: Cockpit, kept_yaw_rad: float) -> De
     """
     positioned = not point.type_mask & sum(_POSITION_BITS)
     moving = not point.type_mask & sum(_VELOCITY_BITS)
-    numbers = [*point.position] * positioned + [*point.velocity] * moving
+    pushed = not point.type_mask & sum(_ACCELERATION_BITS)
+    numbers = [*point.position] * positioned + [*point.velocity] * moving + [*point.acceleration] * pushed
     numbers += [point.yaw_rad] * point.has_yaw + [point.yaw_rate_rad_s] * point.has_yaw_rate
-    known = point.coordinate_frame in ARDUPILOT_FRAMES
-    if not known or not (positioned or moving) or not np.all(np.isfinite(numbers)):
+    known = point.coordinate_frame in ARDUPILOT_FRAMES and not point.type_mask & _FORCE
+    combined = (positioned, moving, pushed) in _ARDUPILOT_COMBINATIONS
+    if not known or not combined or not np.all(np.isfinite(numbers)):
         return None
     goal = Demand(yaw_rad=kept_yaw_rad)
     if point.has_yaw:
@@ -64,6 +81,8 @@ def ardupilot_goal(point: SetPoint, cockpit: Cockpit, kept_yaw_rad: float) -> De
         goal = replace(goal, position_m=_ardupilot_place(point, cockpit))
     if moving:
         goal = replace(goal, velocity_m_s=_ardupilot_vector(point, cockpit, point.velocity))
+    if pushed:
+        goal = replace(goal, acceleration_m_s2=_ardupilot_vector(point, cockpit, point.acceleration))
     return goal
 
 
@@ -71,18 +90,21 @@ def px4_goal(point: SetPoint, cockpit: Cockpit, kept_yaw_rad: float) -> Demand |
     """Return what PX4 flies then; None where the set-point holds nothing. Each axis may be ignored singly."""
     position = _masked(point.position, point.type_mask, _POSITION_BITS)
     velocity = _masked(point.velocity, point.type_mask, _VELOCITY_BITS)
+    acceleration = _masked(point.acceleration, point.type_mask, _ACCELERATION_BITS)
     if point.coordinate_frame == BODY_NED:  # its position is ignored
         position = np.full(3, np.nan)
         if not np.all(np.isnan(velocity)):
             velocity = swap(_from_body(cockpit, np.nan_to_num(velocity, nan=0.0)))
-    if np.all(np.isnan(position)) and np.all(np.isnan(velocity)):
+        if not np.all(np.isnan(acceleration)):
+            acceleration = swap(_from_body(cockpit, np.nan_to_num(acceleration, nan=0.0)))
+    if np.all(np.isnan([position, velocity, acceleration])):
         return None
-    place_m, velocity_m_s = cockpit.frame.to_world(position), swap(velocity)
+    goal = Demand(cockpit.frame.to_world(position), swap(velocity), swap(acceleration), yaw_rad=kept_yaw_rad)
     if point.has_yaw and math.isfinite(point.yaw_rad):
-        return Demand(place_m, velocity_m_s, yaw_rad=swap_yaw(point.yaw_rad))
+        return replace(goal, yaw_rad=swap_yaw(point.yaw_rad))
     if point.has_yaw_rate and math.isfinite(point.yaw_rate_rad_s):
-        return Demand(place_m, velocity_m_s, yaw_rate_rad_s=-point.yaw_rate_rad_s)
-    return Demand(place_m, velocity_m_s, yaw_rad=kept_yaw_rad)
+        return replace(goal, yaw_rad=math.nan, yaw_rate_rad_s=-point.yaw_rate_rad_s)
+    return goal
 
 
 def _ardupilot_place(point: SetPoint, cockpit: Cockpit) -> Array:
