@@ -10,7 +10,9 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from camrig_emulators.faults import Faults
+from camrig_emulators.mavlink.frames import R_ned_frd, euler, quaternion
 from camrig_emulators.mavlink.protocol import MavlinkProtocol
+from camrig_emulators.mavlink.troubles import Troubles
 from camrig_emulators.mavlink.vehicle import Vehicle
 from camrig_emulators.mavlink_drone import MavlinkDroneSettings
 
@@ -50,6 +52,8 @@ class Pilot:
         self.settings = MavlinkDroneSettings.model_validate({"flavour": flavour, **settings})
         self.vehicle = Vehicle(self.settings, START_S, seed)
         self.protocol = MavlinkProtocol(self.vehicle, self.faults, seed)
+        self.troubles = Troubles(self.vehicle, self.faults, [self.protocol], seed)
+        self.troubles.schedule(self.settings.script, START_S)
         self.now_s = START_S
         self.beats = True
         self.heard: list[tuple[float, Any]] = []
@@ -69,7 +73,7 @@ class Pilot:
         return [message.result for message in answers if message.command == number]
 
     def wait(self, duration_s: float, message: Any = None, rate_hz: float = 20.0) -> None:
-        """Let time pass, sending ``message`` at a rate."""
+        """Let time pass, sending ``message``, or what it returns then, at a rate."""
         end_s, next_s = self.now_s + duration_s, self.now_s
         while self.now_s < end_s - 1e-9:
             if self.beats and self.now_s - self._beat_s >= 1.0:
@@ -77,7 +81,7 @@ class Pilot:
                 self.say(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
             if message is not None and self.now_s >= next_s - 1e-9:
                 next_s += 1.0 / rate_hz
-                self.say(message)
+                self.say(message() if callable(message) else message)
             self.now_s += _TICK_S
             self._take(self.protocol.poll(self.now_s))
 
@@ -88,6 +92,26 @@ class Pilot:
             assert self.now_s - start_s < limit_s, "it never came true"
             self.wait(0.1, message)
         return self.now_s - start_s
+
+    def happen(self, fault: str) -> None:
+        self.troubles.now(fault, self.now_s)
+
+    def pose(self, *, shift_m: Sequence[float] = (0.0, 0.0, 0.0), turn_rad: float = 0.0, reset: int = 0) -> Any:
+        """Return a VISION_POSITION_ESTIMATE of the truth, shifted and turned."""
+        truth = self.vehicle.history.latest.truth
+        roll, pitch, yaw = euler(R_ned_frd(truth.T_world_body()[:3, :3]))
+        place = [float(a + b) for a, b in zip(self.ned, shift_m, strict=True)]
+        return dialect.MAVLink_vision_position_estimate_message(
+            0, *place, roll, pitch, yaw + turn_rad, reset_counter=reset
+        )
+
+    def odometry(self, frame: int, child: int = 12, *, time_us: int = 0, quality: int = 0) -> Any:
+        """Return an ODOMETRY of the truth."""
+        q = quaternion(R_ned_frd(self.vehicle.history.latest.truth.T_world_body()[:3, :3]))
+        unknown = [math.nan] * 21
+        return dialect.MAVLink_odometry_message(
+            time_us, frame, child, *map(float, self.ned), q, *[0.0] * 6, unknown, unknown, quality=quality
+        )
 
     def since(self, stamp_s: float, name: str) -> list[Any]:
         return [message for heard_s, message in self.heard if heard_s >= stamp_s and message.get_type() == name]

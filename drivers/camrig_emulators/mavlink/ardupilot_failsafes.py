@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from camrig_emulators.mavlink.ardupilot_modes import BRAKE, LAND, RTL
-from camrig_emulators.mavlink.cockpit import CRITICAL, WARNING, Cockpit
+from camrig_emulators.mavlink.cockpit import CRITICAL, INFO, WARNING, Cockpit
 
 _GROUND_STATION_MODES = {1: RTL, 3: RTL, 4: LAND, 5: LAND, 7: LAND}  # FS_GCS_ENABLE
 _BATTERY_MODES = {1: LAND, 2: RTL}  # BATT_FS_LOW_ACT, BATT_FS_CRT_ACT
@@ -19,7 +19,7 @@ class ArduPilotFailsafes:
         self.ground_station_lost = False
         self._cockpit = cockpit
         self._ground_station_s = cockpit.now_s
-        self._estimator_failed = False
+        self._estimator_failed = self._uses_poses = False
         self._battery_levels = ["LOW", "CRT"]
 
     def ground_station_beat(self, system: int) -> None:
@@ -52,6 +52,9 @@ class ArduPilotFailsafes:
     def _estimator(self) -> int | None:
         cockpit = self._cockpit
         estimator = cockpit.estimator
+        if estimator.sources.vision_position and estimator.local and not self._uses_poses:
+            self._uses_poses = True
+            cockpit.say(INFO, "EKF3 IMU0 is using external nav data")
         failed = estimator.local and estimator.lost_s > _ESTIMATOR_PATIENCE_S
         new, self._estimator_failed = failed and not self._estimator_failed, failed
         if not new or not cockpit.armed or cockpit.landed:

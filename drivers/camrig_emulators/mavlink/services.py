@@ -100,13 +100,8 @@ class Services:
     def _on_pose(self, address: Address, message: Any) -> None:
         del address
         pose = vision_pose(message, self._vehicle, self._peer_clock(), self.now_s)
-        if pose is None:
-            return
-        estimator, cockpit = self._vehicle.cockpit.estimator, self._vehicle.cockpit
-        was_local = estimator.local
-        estimator.see(pose)
-        if not was_local and estimator.local and cockpit.settings.flavour == "ardupilot":
-            cockpit.say(_INFO, "EKF3 IMU0 is using external nav data")
+        if pose is not None:
+            self._vehicle.cockpit.estimator.see(pose)
 
     def _on_origin(self, address: Address, message: Any) -> None:
         """ArduPilot takes an origin once; PX4 also later, if its system id is named. Neither acknowledges."""
