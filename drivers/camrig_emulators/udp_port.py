@@ -141,5 +141,9 @@ class UdpPort:
 def _bound(port: int) -> socket.socket:
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.setblocking(False)
-    opened.bind(("127.0.0.1", port))
+    try:
+        opened.bind(("127.0.0.1", port))
+    except OSError:
+        opened.close()
+        raise
     return opened
