@@ -35,7 +35,7 @@ def emulate(
     show_settings: Annotated[bool, typer.Option("--settings", help="List the keys and their defaults.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the port, and at the end the state, as JSON.")] = False,
 ) -> None:
-    """Run one emulated device until Ctrl-C: `camrig emulate pelco-d address=3 baud=2400`."""
+    """Run one emulated device until Ctrl-C: `camrig emulate drone flavour=px4 script='at 20 no_pose'`."""
     plugin = plugins.load_plugin("emulators", device)
     if show_settings:
         results.print(_settings_table(device, plugin.section))

@@ -10,6 +10,7 @@ import math
 import socket
 import threading
 from collections import deque
+from pathlib import Path
 
 from camrig.clock import Clock, RealClock
 from camrig.errors import InputError
@@ -34,17 +35,19 @@ _CLOCK_SLACK_S = 0.02
 class MavlinkDrone:
     """An ``Emulator``; also gives the truth and what it has heard. Everything may be called from any thread."""
 
-    def __init__(self, settings: MavlinkDroneSettings, *, clock: Clock | None = None, seed: int = 0) -> None:
-        """Build it; what ``settings.script`` tells happens from now on. Raises InputError for a wrong script."""
+    def __init__(self, settings: MavlinkDroneSettings, *, clock: Clock | None = None, seed: int | None = None) -> None:
+        """Build it; ``settings.script`` counts from its start. ``seed`` replaces that of the settings.
+
+        Raises InputError for a wrong script.
+        """
         self.settings = settings
         self.faults = Faults()
         self._clock = RealClock() if clock is None else clock
-        self._seed = seed
+        self._seed = settings.seed if seed is None else seed
         self._lock = threading.Lock()
         self._port: UdpPort | TcpPort | None = None
         self._lines: list[PtyLine] = []
         self._url: str | None = None
-        self._usb: str | None = None
         self._power_up(None)
 
     def start(self) -> str:
@@ -65,16 +68,9 @@ class MavlinkDrone:
                 self._url = f"tcp://127.0.0.1:{self._port.port}"
             case "serial":
                 self._url = f"serial://{self._open_line(settings.id, self._protocol)}:{settings.baud}"
-        if settings.usb:
-            self._usb = self._open_line(f"{settings.id}-usb", self._link(SERIAL, channel=0))
+        if settings.usb is not None:
+            self._plug_usb(Path(settings.usb))
         return self._url
-
-    @property
-    def usb(self) -> str:
-        """The path of the second, serial port. Raises InputError where there is none."""
-        if self._usb is None:
-            raise InputError(f"the emulated drone {self.settings.id} has no USB port: give it usb: true and start it")
-        return self._usb
 
     def describe(self) -> str:
         with self._lock:
@@ -88,8 +84,7 @@ class MavlinkDrone:
                 f"({x:.2f}, {y:.2f}, {z:.2f}) m, yaw {math.degrees(math.remainder(truth.yaw_rad, math.tau)):.0f} deg"
             )
             mode = f"{self.settings.flavour} {vehicle.firmware.mode_name}"
-            usb = "" if self._usb is None else f", usb {self._usb}"
-            return f"{self.settings.id}: {mode}, {state}, {place}, {peers} peers{usb}"
+            return f"{self.settings.id}: {mode}, {state}, {place}, {peers} peers"
 
     def stop(self) -> None:
         if self._port is not None:
@@ -97,8 +92,10 @@ class MavlinkDrone:
             self._port = None
         for line in self._lines:
             line.stop()
+        if self._lines and self.settings.usb is not None:
+            Path(self.settings.usb).unlink(missing_ok=True)
         self._lines = []
-        self._url = self._usb = None
+        self._url = None
 
     def happen(self, fault: str) -> None:
         """Let one thing happen at once, in the words of ``mavlink.troubles``: ``no_pose``, ``wind 2``, ``clear``.
@@ -139,6 +136,14 @@ class MavlinkDrone:
         link = MavlinkProtocol(self._vehicle, self.faults, self._seed, target, channel=channel, received=self._received)
         self._links.append(link)
         return link
+
+    def _plug_usb(self, path: Path) -> None:
+        try:
+            path.symlink_to(self._open_line(f"{self.settings.id}-usb", self._link(SERIAL, channel=0)))
+        except OSError as error:
+            self._lines.pop().stop()
+            self.stop()
+            raise InputError(f"usb {path}: {error.strerror}; give a path that can be made") from error
 
     def _open_line(self, name: str, protocol: MavlinkProtocol) -> str:
         device = SerialLink(protocol, self._lock, self.faults, self.settings.baud, self._seed)

@@ -82,12 +82,12 @@ def visca_udp_emulator() -> Iterator[Callable[..., ViscaUdpHead]]:
 
 @pytest.fixture
 def drone_emulator() -> Iterator[Callable[..., tuple[str, MavlinkDrone]]]:
-    """Return ``start(settings=None, seed=0)``: a drone on UDP (MavlinkDroneSettings), as (url, drone)."""
+    """Return ``start(settings=None, seed=None)``: a drone (MavlinkDroneSettings; none = on UDP), as (url, drone)."""
     from camrig_emulators.mavlink_drone import MavlinkDrone, MavlinkDroneSettings
 
     with ExitStack() as stack:
 
-        def start(settings: MavlinkDroneSettings | None = None, seed: int = 0) -> tuple[str, MavlinkDrone]:
+        def start(settings: MavlinkDroneSettings | None = None, seed: int | None = None) -> tuple[str, MavlinkDrone]:
             drone = MavlinkDrone(settings or MavlinkDroneSettings(), seed=seed)
             stack.callback(drone.stop)
             return drone.start(), drone

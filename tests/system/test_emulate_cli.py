@@ -93,15 +93,20 @@ def test_with_json_it_answers_in_lines_and_stops_by_itself(camrig_emulate: Calla
 
 
 def test_the_drone_gives_a_url(camrig_emulate: Callable[..., Done]) -> None:
-    done = camrig_emulate("drone", "--seconds", "0.2", "--json")
+    done = camrig_emulate(
+        "drone", "release=4.6", "script=at 9 reboot; from 1 to 2 wind 3", "--seconds", "0.2", "--json"
+    )
     assert done.code == 0
-    assert json.loads(done.out.splitlines()[0])["port"].startswith("udp")
+    assert json.loads(done.out.splitlines()[0])["port"].startswith("udpout://127.0.0.1:")
+    done = camrig_emulate("drone", "flavour=px4", "transport=tcp", "figures=measured", "--seconds", "0.2", "--json")
+    assert json.loads(done.out.splitlines()[0])["port"].startswith("tcp://127.0.0.1:")
 
 
-def test_its_settings_are_listed(camrig_emulate: Callable[..., Done]) -> None:
-    done = camrig_emulate("pelco-d", "--settings")
+@pytest.mark.parametrize(("device", "key"), [("pelco-d", "reply_latency_s"), ("drone", "figures")])
+def test_its_settings_are_listed(camrig_emulate: Callable[..., Done], device: str, key: str) -> None:
+    done = camrig_emulate(device, "--settings")
     assert done.code == 0
-    assert "reply_latency_s" in done.out
+    assert key in done.out
 
 
 @pytest.mark.parametrize(
@@ -118,6 +123,11 @@ def test_its_settings_are_listed(camrig_emulate: Callable[..., Done]) -> None:
         (["pelco-d", "start_pan_deg=171"], ["start_pan_deg 171 is outside pan_limits_deg -170 to 170"]),
         (["visca", "address=5", "heads=4"], ["4 heads from address 5 upwards go beyond 7"]),
         (["visca", "transport=udp", "heads=2"], ["transport udp carries one head"]),
+        (["drone", "transport=serial", "port=5760"], ["a serial port has no number: leave out port"]),
+        (["drone", "target=tcp://x"], ["target: 'tcp://x' is no host:port"]),
+        (["drone", "release=4.4"], ["release 4.4 of ardupilot is not emulated; there are 4.5, 4.6, 4.7"]),
+        (["drone", "params={EKF2_EV_CTRL: 1}"], ["ardupilot has no emulated parameter EKF2_EV_CTRL"]),
+        (["drone", "script=at 5 boom"], ["'at 5 boom': 'boom' is none of battery, clear"]),
         (["pelco-d", "address=250", "heads=9"], ["9 heads from address 250 upwards go beyond 254"]),
     ],
 )

@@ -180,6 +180,7 @@ def test_names_of_parameters_move_from_release_to_release(release: str, names: s
     "wrong",
     [
         {"release": "4.4"},
+        {"target": "tcp://nowhere"},
         {"flavour": "px4", "release": "4.7"},
         {"params": {"EKF2_EV_CTRL": 1}},
         {"release": "4.5", "params": {"MAV_SYSID": 1}},

@@ -8,6 +8,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Protocol
 
 import pytest
@@ -189,15 +190,15 @@ def test_a_wrong_baud_rate_is_noise() -> None:
             assert "HEARTBEAT" not in station.names()
 
 
-def test_usb_is_channel_0_of_the_same_vehicle() -> None:
-    with running(transport="tcp", usb=True) as (drone, url), on_tcp(url) as (_, radio), on_line(drone.usb) as usb:
+def test_usb_is_channel_0_of_the_same_vehicle(tmp_path: Path) -> None:
+    path = str(tmp_path / "usb")
+    with running(transport="tcp", usb=path) as (_, url), on_tcp(url) as (_, radio), on_line(path) as usb:
         usb.say(dialect.MAVLink_setup_signing_message(1, 1, list(range(32)), 1))
         assert usb.command(ARM, 1) == 0  # still unsigned
         radio.say(command_long(ARM, 0))
         radio.until(lambda: any(m.get_header().incompat_flags & 1 for m in radio.heard if m.get_type() != "BAD_DATA"))
         assert "COMMAND_ACK" not in radio.names()
-        assert drone.usb in drone.describe()
-    assert not os.path.lexists(url)
+    assert not os.path.lexists(path)
 
 
 def test_two_drones_of_one_system_may_speak_to_one_port() -> None:
@@ -216,6 +217,9 @@ def test_two_drones_of_one_system_may_speak_to_one_port() -> None:
                         autopilots.add(message.autopilot)
 
 
-def test_a_drone_without_usb_says_how_to_get_it() -> None:
-    with running() as (drone, _), pytest.raises(InputError, match="usb: true"):
-        drone.usb  # noqa: B018
+def test_a_path_for_usb_must_be_free(tmp_path: Path) -> None:
+    taken = tmp_path / "usb"
+    taken.touch()
+    with pytest.raises(InputError, match=r"usb .*: File exists; give a path that can be made"):
+        MavlinkDrone(MavlinkDroneSettings(usb=str(taken))).start()
+    assert taken.exists()

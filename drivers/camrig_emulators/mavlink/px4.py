@@ -157,7 +157,7 @@ class Px4:
             return
         self._failsafe = mode
         self._cockpit.critical = mode is not None
-        self._hold_here()
+        self._goal = self._cockpit.stop_here()
         self._prepare_return()
 
     def _disarm_on_floor(self) -> None:
@@ -228,14 +228,11 @@ class Px4:
 
     def _enter(self, mode: int, goal: Demand | None = None) -> None:
         if mode != self.custom_mode:
-            self._hold_here()
+            self._goal = self._cockpit.stop_here()
         if goal is not None:
             self._goal = goal
         self._intent, self._failsafe, self._cockpit.critical = mode, None, False
         self._prepare_return()
-
-    def _hold_here(self) -> None:
-        self._goal = self._cockpit.stop_here()
 
     def _prepare_return(self) -> None:
         params = self._cockpit.params

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from camrig_emulators.mavlink.params import PARAMETERS_OF, RELEASES
 
@@ -14,14 +15,16 @@ NotNegative = Annotated[float, Field(ge=0.0)]
 
 _MEASURED: dict[str, dict[str, float]] = {
     "ardupilot": {
+        "acceleration_m_s2": 0.8,
         "climb_speed_m_s": 0.6,
-        "yaw_rate_deg_s": 75.0,
+        "yaw_rate_deg_s": 60.0,
         "hover_noise_m": 0.015,
         "ready_after_s": 11.0,
         "vision_converges_s": 0.05,
     },
     "px4": {
-        "climb_speed_m_s": 0.5,
+        "acceleration_m_s2": 0.6,
+        "climb_speed_m_s": 0.6,
         "land_speed_m_s": 0.27,
         "yaw_rate_deg_s": 150.0,
         "hover_noise_m": 0.13,
@@ -51,12 +54,12 @@ class MavlinkDroneSettings(BaseModel):
     """udp and tcp serve a port of 127.0.0.1; serial is a pseudo-terminal."""
     port: int = Field(default=0, ge=0, le=65535)
     """UDP or TCP port to serve; 0 takes a free one."""
-    target: str | None = Field(default=None, pattern=r"^[^:\s]+:\d{1,5}$")
+    target: str | None = None
     """UDP only: host:port to which telemetry goes unasked, as from PX4; otherwise it waits to be spoken to."""
     baud: Literal[57600, 115200, 230400] = 115200
     """Of a serial port. What does not fit through is lost, whole messages at a time."""
-    usb: bool = False
-    """A second, serial port: ArduPilot's channel 0, where signing is never asked for."""
+    usb: str | None = Field(default=None, pattern=r"^/.+")
+    """Path to make for a second, serial port: ArduPilot's channel 0, which never asks for signatures."""
 
     start_position_m: Point = (0.0, 0.0, 0.0)
     """Where it stands; the floor is at its z."""
@@ -103,17 +106,29 @@ class MavlinkDroneSettings(BaseModel):
     vision_converges_s: NotNegative = 0.05
     """From the first pose sent to it to a valid estimate, where it flies by vision."""
 
-    params: dict[str, float] = Field(default_factory=dict)
-    """Parameters that differ from the firmware's defaults at the first boot, such as {MNT1_TYPE: 1}."""
+    params: dict[str, float] = {}
+    """Parameters that differ from the firmware's defaults at the first boot: params={MNT1_TYPE: 1}."""
     script: str = ""
-    """What goes wrong and when: at 5 reboot; from 8 to 12 pose_lost. See docs/mavlink-emulator.md."""
+    """What goes wrong and when: at 5 reboot; from 8 to 12 no_pose. See docs/mavlink-emulator.md."""
+
+    seed: int = 0
+    """Of the noise; the same seed and the same commands give the same flight."""
+
+    @field_validator("target")
+    @classmethod
+    def _is_address(cls, target: str | None) -> str | None:
+        if target is not None and re.fullmatch(r"[^:\s]+:\d{1,5}", target) is None:
+            raise ValueError(f"{target!r} is no host:port; write for example 127.0.0.1:14540")
+        return target
 
     @model_validator(mode="before")
     @classmethod
-    def _as_measured(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("figures") == "measured":
-            return {**_MEASURED.get(data.get("flavour", "ardupilot"), {}), **data}
-        return data
+    def _filled_in(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        measured = _MEASURED.get(data.get("flavour", "ardupilot"), {}) if data.get("figures") == "measured" else {}
+        release = data.get("release")  # YAML reads a number
+        return {**measured, **data, **({"release": str(release)} if isinstance(release, float) else {})}
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
