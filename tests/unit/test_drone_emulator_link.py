@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import struct
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from camrig.errors import InputError
 from camrig_emulators.faults import Faults
 from camrig_emulators.mavlink.protocol import MavlinkProtocol
 from camrig_emulators.mavlink.vehicle import Vehicle
@@ -206,6 +208,65 @@ def test_garbage_is_passed_over(chunks: list[bytes]) -> None:
     for _ in range(12):
         pilot.command(SET_MODE, 1, 4)
     assert pilot.command(SET_MODE, 1, 4) == [ACCEPTED]
+
+
+def raw(number: int, payload: bytes, sequence: int) -> bytes:
+    """Frame a payload of any content as a message of one kind."""
+    kind = dialect.mavlink_map[number]
+    size = struct.calcsize(kind.unpacker.format)
+    head = struct.pack("<BBBBBBHB", size, 0, 0, sequence, 255, 190, number & 0xFFFF, number >> 16)
+    body = head + payload[:size].ljust(size, b"\0")
+    checksum = dialect.x25crc(body)
+    checksum.accumulate(bytes([kind.crc_extra]))
+    return b"\xfd" + body + struct.pack("<H", checksum.crc)
+
+
+EVERYTHING_HEARD = (0, 4, 11, 20, 21, 23, 43, 48, 66, 75, 76, 84, 102, 110, 111, 256, 331)
+
+
+@FLAVOURS
+@settings(max_examples=60, deadline=None)
+@given(
+    packets=st.lists(st.tuples(st.sampled_from(EVERYTHING_HEARD), st.binary(min_size=1, max_size=255)), max_size=12),
+    for_us=st.booleans(),
+)
+def test_messages_of_any_content_upset_nothing(flavour: str, packets: list[tuple[int, bytes]], for_us: bool) -> None:
+    vision = {"VISO_TYPE": 1, "EK3_SRC1_POSXY": 6, "MNT1_TYPE": 1} if flavour == "ardupilot" else {"MNT_MODE_IN": 4}
+    pilot = Pilot(flavour, params=vision)
+    for number in (32, 33, 242, 285):
+        pilot.command(SET_INTERVAL, number, 1e5)
+    for sequence, (number, payload) in enumerate(packets):
+        addressed = payload.replace(payload[:1], b"\x01") if for_us else payload
+        pilot.protocol.receive(pilot.now_s, HERE, raw(number, addressed, sequence))
+    pilot.beats = False
+    pilot.wait(2.0)
+    assert all(math.isfinite(number) for number in pilot.ned)
+
+
+@pytest.mark.parametrize(
+    "trouble", ["jump 1e", "jump 9999999999", "clock 99999999999", "clock -99999999999", "wind -99"]
+)
+def test_troubles_beyond_measure_upset_nothing(trouble: str) -> None:
+    pilot = Pilot("px4")
+    if trouble.endswith("e"):
+        with pytest.raises(InputError, match="a number is written like"):
+            pilot.happen(trouble)
+        return
+    pilot.happen(trouble)
+    pilot.wait(1.0)
+    assert pilot.since(START_S + 0.5, "HEARTBEAT")
+
+
+@FLAVOURS
+def test_another_components_commands_are_not_answered(flavour: str) -> None:
+    pilot = Pilot(flavour)
+    command = command_long(ARM, 1.0)
+    command.target_component = 2
+    pilot.say(command)
+    assert pilot.since(0.0, "COMMAND_ACK") == []
+    command.target_component = 0
+    pilot.say(command)
+    assert pilot.since(0.0, "COMMAND_ACK")
 
 
 def test_seventeen_strangers_are_not_all_remembered() -> None:

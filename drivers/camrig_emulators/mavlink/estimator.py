@@ -14,6 +14,7 @@ from camrig_emulators.mavlink.history import History
 
 _POSE_EVERY_S = 0.3  # an older pose is none: at least 4 Hz are needed
 _OLDEST_POSE_S = 1.0
+_FARTHEST_M = 10_000.0
 _CLOCK_SLACK_S = 0.05
 _FUSING_TAU_S = 0.1
 _GATE_M = 1.0
@@ -142,6 +143,8 @@ class Estimator:
         if self.blinded or self.sources.gps or not self.sources.vision_position:
             return
         newest_s = self._history.latest.stamp_s
+        if np.any(np.abs(pose.position_m) > _FARTHEST_M):
+            return
         if not newest_s - _OLDEST_POSE_S <= pose.stamp_s <= newest_s + _CLOCK_SLACK_S:
             return
         truth = self._history.truth(min(pose.stamp_s, newest_s))

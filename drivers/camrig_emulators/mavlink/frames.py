@@ -103,4 +103,9 @@ class LocalFrame:
         north_m, east_m, down_m = (float(value) for value in self.to_ned(position_m))
         latitude = self.latitude_deg + north_m / _METRES_PER_DEGREE
         longitude = self.longitude_deg + east_m / (_METRES_PER_DEGREE * math.cos(math.radians(self.latitude_deg)))
-        return round(latitude * 1e7), round(longitude * 1e7), round((self.altitude_m - down_m) * 1e3)
+        return _int32(latitude * 1e7), _int32(longitude * 1e7), _int32((self.altitude_m - down_m) * 1e3)
+
+
+def _int32(value: float) -> int:
+    """Round; what a message's field cannot hold becomes the most that it can."""
+    return round(max(-(2.0**31), min(2.0**31 - 1.0, value)))

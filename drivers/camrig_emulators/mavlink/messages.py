@@ -123,8 +123,8 @@ def global_position_int(report: Report) -> Message:
     if not (cockpit.estimator.local and cockpit.estimator.origin_known) or cockpit.home_m is None:
         return None
     position_m = report.sample.position_m
-    above_home_mm = round(1e3 * float(position_m[2] - cockpit.home_m[2]))
-    velocity_cm_s = [round(100.0 * float(value)) for value in swap(report.sample.velocity_m_s)]
+    above_home_mm = round(float(np.clip(1e3 * (position_m[2] - cockpit.home_m[2]), -(2.0**31), 2.0**31 - 1.0)))
+    velocity_cm_s = [round(float(value)) for value in np.clip(100.0 * swap(report.sample.velocity_m_s), -32768, 32767)]
     heading_cdeg = round(100.0 * math.degrees(euler(report.attitude)[2])) % 36000
     return dialect.MAVLink_global_position_int_message(
         report.boot_ms, *cockpit.frame.to_globe(position_m), above_home_mm, *velocity_cm_s, heading_cdeg

@@ -161,7 +161,7 @@ class MavlinkProtocol:
             case 511:  # SET_MESSAGE_INTERVAL
                 result = self._set_interval(address, whole(params[0]), params[1])
             case 510:  # GET_MESSAGE_INTERVAL
-                interval_us = 1e6 * self._outbox.interval_s(address, whole(params[0]))
+                interval_us = min(2.0**31 - 1.0, 1e6 * self._outbox.interval_s(address, whole(params[0])))
                 reply = dialect.MAVLink_message_interval_message(whole(params[0]) & 0xFFFF, max(-1, round(interval_us)))
                 result = ACCEPTED
             case 512 | 410:  # REQUEST_MESSAGE, GET_HOME_POSITION

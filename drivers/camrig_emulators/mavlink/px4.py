@@ -201,7 +201,7 @@ class Px4:
             return None  # no gimbal module runs, so nobody answers
         if command == 1001:
             taken = (whole(params[0]), whole(params[1]))
-            mount.owner = taken if min(taken) > 0 else mount.owner
+            mount.owner = taken if all(0 < number < 256 for number in taken) else mount.owner
             return ACCEPTED
         if command == 205:
             mount.point(params[0], params[2], 0)

@@ -23,6 +23,7 @@ from camrig_emulators.mavlink.px4 import Px4
 from camrig_emulators.mavlink.settings import MavlinkDroneSettings
 
 _BOOT_TIME_S = 1.2
+_LAST_NS = 2.0**62
 _UP_FOR_MS = (20_000, 600_000)  # how long it has been up at the start, at random
 
 
@@ -132,7 +133,7 @@ class Vehicle:
 
     def boot_ns(self, stamp_s: float) -> int:
         """Return a stamp on the vehicle's own clock, as TIMESYNC carries it."""
-        return round((stamp_s - self.boot_s) * 1e9)
+        return round(max(-_LAST_NS, min(_LAST_NS, (stamp_s - self.boot_s) * 1e9)))
 
 
 def _nothing(stamp_s: float) -> None:
