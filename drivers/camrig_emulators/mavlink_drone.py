@@ -18,6 +18,7 @@ from camrig.geometry.arrays import Transform
 from camrig.interfaces import Plugin
 from camrig_emulators.delayed import Address
 from camrig_emulators.faults import Faults
+from camrig_emulators.mavlink.messages_more import MESSAGES
 from camrig_emulators.mavlink.protocol import KEPT_RECEIVED, MavlinkProtocol, Received
 from camrig_emulators.mavlink.serial_link import SERIAL, SerialLink
 from camrig_emulators.mavlink.settings import MavlinkDroneSettings
@@ -38,7 +39,7 @@ class MavlinkDrone:
     def __init__(self, settings: MavlinkDroneSettings, *, clock: Clock | None = None, seed: int | None = None) -> None:
         """Build it; ``settings.script`` counts from its start. ``seed`` replaces that of the settings.
 
-        Raises InputError for a wrong script.
+        Raises InputError for a wrong script, and for streams of messages that it does not know.
         """
         self.settings = settings
         self.faults = Faults()
@@ -126,6 +127,10 @@ class MavlinkDrone:
     def _power_up(self, target: Address | None) -> None:
         now_s = self._clock.now_s()
         self._vehicle = Vehicle(self.settings, now_s, self._seed)
+        unknown = self.settings.streams_hz.keys() - MESSAGES[self._vehicle.firmware.autopilot].keys()
+        if unknown:
+            numbers = ", ".join(map(str, sorted(unknown)))
+            raise InputError(f"streams_hz: {self.settings.flavour} is emulated without message {numbers}")
         self._received: deque[Received] = deque(maxlen=KEPT_RECEIVED)
         self._links: list[MavlinkProtocol] = []
         self._protocol = self._link(target, channel=1)

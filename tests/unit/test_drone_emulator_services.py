@@ -9,10 +9,12 @@ import pytest
 from pydantic import ValidationError
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from camrig.errors import InputError
 from camrig_emulators.faults import Faults
 from camrig_emulators.mavlink.protocol import MavlinkProtocol
 from camrig_emulators.mavlink.settings import MavlinkDroneSettings
 from camrig_emulators.mavlink.vehicle import Vehicle
+from camrig_emulators.mavlink_drone import MavlinkDrone
 from tests.drone_pilot import (
     ACCEPTED,
     ARM,
@@ -201,6 +203,14 @@ def test_px4_pushes_what_no_dialect_knows_and_ardupilot_does_not_speak_it() -> N
     assert len(pilot.since(0.0, "ODOMETRY")) == pytest.approx(165, abs=5)
     assert pilot.command(SET_INTERVAL, 411, -1) == [ACCEPTED]
     assert Pilot("ardupilot").command(SET_INTERVAL, 331, 1e5) == [FAILED]
+
+
+def test_more_can_be_pushed_unasked() -> None:
+    pilot = Pilot("ardupilot", streams_hz={1: 2.0})
+    pilot.wait(4.0)
+    assert len(pilot.since(0.0, "SYS_STATUS")) == pytest.approx(8, abs=1)
+    with pytest.raises(InputError, match="ardupilot is emulated without message 331, 999"):
+        MavlinkDrone(MavlinkDroneSettings(streams_hz={999: 1.0, 331: 1.0, 1: 1.0}))
 
 
 @FLAVOURS

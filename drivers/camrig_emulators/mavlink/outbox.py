@@ -102,7 +102,7 @@ class Outbox:
     def set_interval(self, address: Address, number: int, interval_s: float, now_s: float) -> None:
         """Send a message at an interval, 0 for its default, negative for never."""
         streams = self._peers[address].streams
-        default_hz = self._vehicle.firmware.default_streams_hz.get(number, 0.0)
+        default_hz = self._default_streams_hz.get(number, 0.0)
         if interval_s == 0.0 and default_hz > 0.0:
             interval_s = 1.0 / default_hz
         if interval_s > 0.0:
@@ -163,8 +163,12 @@ class Outbox:
         return min([self._heartbeat_at_s, *streams])
 
     def _default_streams(self, peer: Peer, now_s: float) -> None:
-        rates_hz = self._vehicle.firmware.default_streams_hz
+        rates_hz = self._default_streams_hz
         peer.streams = {number: Stream(1.0 / rate_hz, now_s) for number, rate_hz in rates_hz.items()}
+
+    @property
+    def _default_streams_hz(self) -> dict[int, float]:
+        return {**self._vehicle.firmware.default_streams_hz, **self._vehicle.settings.streams_hz}
 
     def _sign(self, mav: Any, now_s: float) -> None:
         """Channel 0, the one by USB, neither signs nor asks for signatures."""

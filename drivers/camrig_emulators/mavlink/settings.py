@@ -108,6 +108,8 @@ class MavlinkDroneSettings(BaseModel):
 
     params: dict[str, float] = {}
     """Parameters that differ from the firmware's defaults at the first boot: params={MNT1_TYPE: 1}."""
+    streams_hz: dict[int, Positive] = {}
+    """Messages by number that go out unasked besides the firmware's own: streams_hz={1: 2, 32: 10}."""
     script: str = ""
     """What goes wrong and when: at 5 reboot; from 8 to 12 no_pose. See docs/mavlink-emulator.md."""
 
