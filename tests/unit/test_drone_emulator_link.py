@@ -172,7 +172,7 @@ def test_sequence_numbers_count_on_each_link() -> None:
 
 
 @FLAVOURS
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     commands=st.lists(
         st.tuples(
@@ -198,7 +198,7 @@ def test_no_number_upsets_it(flavour: str, commands: Any, point: Any, value: flo
     assert pilot.height_m >= 0.0
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(chunks=st.lists(st.binary(max_size=60), max_size=5))
 def test_garbage_is_passed_over(chunks: list[bytes]) -> None:
     pilot = Pilot("ardupilot")
@@ -225,7 +225,7 @@ EVERYTHING_HEARD = (0, 4, 11, 20, 21, 23, 43, 48, 66, 75, 76, 84, 102, 110, 111,
 
 
 @FLAVOURS
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     packets=st.lists(st.tuples(st.sampled_from(EVERYTHING_HEARD), st.binary(min_size=1, max_size=255)), max_size=12),
     for_us=st.booleans(),

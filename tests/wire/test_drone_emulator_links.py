@@ -167,7 +167,7 @@ def test_a_port_that_is_taken_is_named() -> None:
             MavlinkDrone(MavlinkDroneSettings(port=port)).start()
 
 
-def test_a_serial_line_is_as_fast_as_its_baud_rate_and_loses_whole_messages() -> None:
+def test_a_serial_line_is_as_fast_as_its_baud_rate_and_telemetry_thins_out() -> None:
     with running(transport="serial", flavour="px4", baud=57600) as (_, url):
         path, _, baud = url.removeprefix("serial://").rpartition(":")
         with on_line(path, int(baud)) as station:

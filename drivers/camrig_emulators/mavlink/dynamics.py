@@ -168,10 +168,10 @@ class Airframe:
             self._rest()
 
     def _wanted_acceleration(self, demand: Demand) -> Array:
-        error_m = np.nan_to_num(demand.position_m - self._nominal.position_m - self.position_error_m, nan=0.0)
+        error_m = _known(demand.position_m - self._nominal.position_m - self.position_error_m)
         limit_m_s2 = self._settings.acceleration_m_s2
         speed_m_s = min(demand.speed_m_s, self._settings.max_speed_m_s)
-        velocity = np.nan_to_num(demand.velocity_m_s, nan=0.0)
+        velocity = _known(demand.velocity_m_s)
         velocity[:2] = _clipped(velocity[:2] + _approach(error_m[:2], limit_m_s2), speed_m_s)
         climb_m_s = min(demand.climb_m_s, self._settings.climb_speed_m_s)
         if math.isnan(demand.position_m[2]):
@@ -195,9 +195,14 @@ class Airframe:
         return max(-limit, min(limit, rate))
 
 
+def _known(vector: Array) -> Array:
+    """Return a vector with zeros where it has NaNs."""
+    return np.where(np.isnan(vector), 0.0, vector)
+
+
 def _approach(error_m: Array, limit_m_s2: float) -> Array:
     """Return the velocity towards a place: proportional near it, and far off what can still be braked in time."""
-    distance_m = float(np.linalg.norm(error_m))
+    distance_m = math.hypot(*error_m)
     braking = _BRAKING * limit_m_s2
     linear_m = braking / _POSITION_GAIN**2
     if distance_m <= linear_m:
@@ -207,5 +212,5 @@ def _approach(error_m: Array, limit_m_s2: float) -> Array:
 
 
 def _clipped(vector: Array, limit: float) -> Array:
-    length = float(np.linalg.norm(vector))
+    length = math.hypot(*vector)
     return vector if length <= limit else vector * (limit / length)

@@ -1,4 +1,4 @@
-"""The emulated drone at the end of a serial line: bytes take their time, and what does not fit is lost."""
+"""The emulated drone at the end of a serial line: bytes take their time, and telemetry thins out to what fits."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ class SerialLink:
         self._late = Delayed()
         self._line: deque[tuple[float, bytes]] = deque()
         """What is on its way, by the time at which its last byte arrives."""
+        self._per_byte_s = _BITS_PER_BYTE / baud
         self._free_at_s = 0.0
         self._next_s = 0.0
         self._polled_s = 0.0
@@ -42,11 +43,14 @@ class SerialLink:
         self._late.post(out, now_s + self._faults.latency_s)
 
     def transmit(self, now_s: float, baud: int) -> bytes:
-        """Return what has arrived."""
-        with self._lock:
-            out = self._protocol.poll(now_s)
-            self._next_s, self._polled_s = self._protocol.next_due_s(now_s), now_s
-        self._late.post(out, now_s + self._faults.latency_s)
+        """Return what has arrived; while much is under way, telemetry waits."""
+        self._polled_s = now_s
+        self._next_s = self._free_at_s - _BUFFER_BYTES * self._per_byte_s / 2.0
+        if self._next_s <= now_s:
+            with self._lock:
+                out = self._protocol.poll(now_s)
+                self._next_s = self._protocol.next_due_s(now_s)
+            self._late.post(out, now_s + self._faults.latency_s)
         for _, data in self._late.due(now_s):
             self._put_on_line(data, now_s)
         arrived = bytearray()
@@ -66,9 +70,8 @@ class SerialLink:
         self._line.clear()
 
     def _put_on_line(self, data: bytes, now_s: float) -> None:
-        per_byte_s = _BITS_PER_BYTE / self.baud
         begins_s = max(now_s, self._free_at_s)
-        if self._faults.silent or begins_s - now_s > _BUFFER_BYTES * per_byte_s:
+        if self._faults.silent or begins_s - now_s > _BUFFER_BYTES * self._per_byte_s:
             return
-        self._free_at_s = begins_s + len(data) * per_byte_s
+        self._free_at_s = begins_s + len(data) * self._per_byte_s
         self._line.append((self._free_at_s, data))

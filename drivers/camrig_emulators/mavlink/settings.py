@@ -57,7 +57,7 @@ class MavlinkDroneSettings(BaseModel):
     target: str | None = None
     """UDP only: host:port to which telemetry goes unasked, as from PX4; otherwise it waits to be spoken to."""
     baud: Literal[57600, 115200, 230400] = 115200
-    """Of a serial port. What does not fit through is lost, whole messages at a time."""
+    """Of a serial port; telemetry thins out to what fits through."""
     usb: str | None = Field(default=None, pattern=r"^/.+")
     """Path to make for a second, serial port: ArduPilot's channel 0, which never asks for signatures."""
 
