@@ -7,8 +7,9 @@ import re
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -82,18 +83,6 @@ def console(url: str, folder: Path) -> Iterator[Console]:
             running.end()
 
 
-@pytest.fixture(scope="module")
-def consoles(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[Flavour, tuple[Console, MavlinkDrone]]]:
-    """One for each flavour; both start while the first one flies."""
-    with ExitStack() as stack:
-        started = {}
-        for flavour in FLAVOURS:
-            url, emulated = stack.enter_context(drone(flavour))
-            folder = tmp_path_factory.mktemp(f"mavproxy-{flavour}")
-            started[flavour] = stack.enter_context(console(url, folder)), emulated
-        yield started
-
-
 def true_place(emulated: MavlinkDrone) -> tuple[float, float, float]:
     x, y, z = emulated.T_world_body(time.monotonic() - 0.05)[:3, 3]
     return float(y), float(x), float(-z)
@@ -108,8 +97,7 @@ def wait_until_near(console: Console, place_ned_m: tuple[float, float, float], a
         time.sleep(0.1)
 
 
-def test_it_flies_ardupilot(consoles: dict[Flavour, tuple[Console, MavlinkDrone]]) -> None:
-    console, emulated = consoles["ardupilot"]
+def fly_ardupilot(console: Console, emulated: MavlinkDrone) -> None:
     console.until("online system 1")
     console.until(r"Received \d+ parameters")
     console.type(f"param show {ARDUPILOT_PARAMETER}")
@@ -130,9 +118,8 @@ def test_it_flies_ardupilot(consoles: dict[Flavour, tuple[Console, MavlinkDrone]
     assert "fence breach" not in console.printed
 
 
-def test_it_flies_px4(consoles: dict[Flavour, tuple[Console, MavlinkDrone]]) -> None:
+def fly_px4(console: Console, emulated: MavlinkDrone) -> None:
     """Its ``mode`` fails on PX4's modes and its ``position`` is in a frame that PX4 ignores: messages by name do it."""
-    console, emulated = consoles["px4"]
     console.until("online system 1")
     console.until(r"Received \d+ parameters")
     console.type(f"param show {PX4_PARAMETER}")
@@ -153,3 +140,25 @@ def test_it_flies_px4(consoles: dict[Flavour, tuple[Console, MavlinkDrone]]) -> 
     console.type("long NAV_LAND")
     console.until("DISARMED")
     assert true_place(emulated) == pytest.approx((1.0, 2.0, 0.0), abs=HOLD_NOISE_M)
+
+
+FLIGHTS: dict[Flavour, Callable[[Console, MavlinkDrone], None]] = {"ardupilot": fly_ardupilot, "px4": fly_px4}
+
+
+def flight(flavour: Flavour, folder: Path) -> None:
+    with drone(flavour) as (url, emulated), console(url, folder) as running:
+        FLIGHTS[flavour](running, emulated)
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[Flavour, Future[None]]]:
+    """Fly both at the same time."""
+    mavproxy()  # or skip
+    with ThreadPoolExecutor(thread_name_prefix="flight") as pool:
+        yield {name: pool.submit(flight, name, tmp_path_factory.mktemp(f"mavproxy-{name}")) for name in FLAVOURS}
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_it_flies_the_whole_flight(flights: dict[Flavour, Future[None]], flavour: Flavour) -> None:
+    """Connect, parameters, mode, arm, take-off, position, land: what fails, fails here with what it had printed."""
+    flights[flavour].result(timeout=120.0)
