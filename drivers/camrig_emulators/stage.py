@@ -76,6 +76,14 @@ class Stage:
 
     def set_fault(self, fault: SetFault) -> None:
         """Set a fault of one device; a head is unplugged with its whole line. Raises InputError for a stranger."""
+        drone = self._drones.get(fault.device_id)
+        if fault.name == "happen" and drone is None:
+            raise InputError(
+                f"the emulated world has no drone {fault.device_id}; it has {', '.join(self._drones) or 'none'}"
+            )
+        if drone is not None and fault.name in ("happen", "clear"):
+            drone.happen(str(fault.arguments[0]) if fault.arguments else "clear")
+            return
         for faults in self._faults_of(fault):
             if fault.name in ("silent", "freeze", "echo", "latency_s"):
                 setattr(faults, fault.name, fault.arguments[0])

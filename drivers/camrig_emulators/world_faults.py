@@ -66,11 +66,15 @@ class WorldFaults:
         """Lose the last and the first bytes of every answer; 0 = none."""
         self._set("truncate_reply", last, first)
 
+    def happen(self, fault: str) -> None:
+        """Let one thing happen to a drone, in the words of ``camrig_emulators.mavlink.troubles``: ``wind 2``."""
+        self._set("happen", fault)
+
     def clear(self) -> None:
         """End every fault."""
         self._set("clear")
         self._silent = self._freeze = False
         self._latency_s = 0.0
 
-    def _set(self, name: FaultName, *arguments: float | bool) -> None:
+    def _set(self, name: FaultName, *arguments: float | bool | str) -> None:
         self._send(SetFault(self._device_id, name, arguments))

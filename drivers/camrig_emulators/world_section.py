@@ -54,6 +54,10 @@ class WorldDroneSection(BaseModel):
     estimate_noise_deg: NotNegative | None = None
     telemetry_latency_s: NotNegative | None = None
     ready_after_s: NotNegative | None = None
+    vision_converges_s: NotNegative | None = None
+    figures: Literal["brisk", "measured"] | None = None
+    params: dict[str, float] | None = None
+    script: str | None = None
 
 
 class WorldSection(BaseModel):

@@ -31,17 +31,27 @@ class Ready:
 
 
 FaultName = Literal[
-    "silent", "freeze", "echo", "latency_s", "unplug", "replug", "drop_next", "garble", "truncate_reply", "clear"
+    "silent",
+    "freeze",
+    "echo",
+    "latency_s",
+    "unplug",
+    "replug",
+    "drop_next",
+    "garble",
+    "truncate_reply",
+    "happen",
+    "clear",
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class SetFault:
-    """Set a fault of a device or call it, as ``camrig_emulators.faults`` names it."""
+    """Set a fault of a device or call it, as ``camrig_emulators.faults`` names it; a drone's ``happen``."""
 
     device_id: str
     name: FaultName
-    arguments: tuple[float | bool, ...]
+    arguments: tuple[float | bool | str, ...]
 
 
 @dataclass(frozen=True, slots=True)

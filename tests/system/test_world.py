@@ -215,6 +215,8 @@ def test_faults_reach_the_devices(world: EmulatedWorld) -> None:
             break
         except LinkLost:
             time.sleep(0.01)
+    with pytest.raises(InputError, match="no drone pt1; it has none"):
+        world.faults("pt1").happen("reboot")
     with pytest.raises(InputError, match="no device pt9; it has pt1, north, top"):
         world.faults("pt9").unplug()
 

@@ -33,6 +33,7 @@ from camrig_emulators.mavlink.cockpit import (
     Cockpit,
     ReturnHome,
 )
+from camrig_emulators.mavlink.commands import Cmd
 from camrig_emulators.mavlink.dynamics import Demand
 from camrig_emulators.mavlink.firmware import CommandParams, whole
 from camrig_emulators.mavlink.frames import swap_yaw
@@ -162,25 +163,25 @@ class ArduPilot:
 
     def command(self, command: int, params: CommandParams) -> int | None:
         match command:
-            case 176:
+            case Cmd.SET_MODE:
                 return self.change_mode(whole(params[1])) if whole(params[0]) & 1 else FAILED
-            case 400:
+            case Cmd.ARM_DISARM:
                 return self._arm(params[1]) if params[0] >= 0.5 else self._disarm_asked(params[1])
-            case 22:
+            case Cmd.TAKEOFF:
                 return self._start_take_off(params[6])
-            case 21:
+            case Cmd.LAND:
                 return self.change_mode(LAND)
-            case 20:
+            case Cmd.RETURN_TO_LAUNCH:
                 return self.change_mode(RTL)
-            case 178:
+            case Cmd.CHANGE_SPEED:
                 return self._change_speed(whole(params[0]), params[1])
-            case 115:
+            case Cmd.CONDITION_YAW:
                 return self._turn(params)
-            case 205:
+            case Cmd.MOUNT_CONTROL:
                 return self._point_mount(params[0], params[2], 0) if whole(params[6]) == 2 else FAILED
-            case 1000:
+            case Cmd.GIMBAL_PITCH_YAW:
                 return self._point_mount(params[0], params[1], whole(params[4]))
-            case 1001:
+            case Cmd.GIMBAL_CONFIGURE:
                 return FAILED if self._cockpit.mount is None else ACCEPTED  # accepted, and not needed
         return UNSUPPORTED
 

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from camrig_emulators.delayed import Address, Datagram
 from camrig_emulators.faults import Faults
 from camrig_emulators.mavlink.cockpit import ACCEPTED, DENIED, FAILED
+from camrig_emulators.mavlink.commands import Cmd
 from camrig_emulators.mavlink.firmware import whole
 from camrig_emulators.mavlink.messages import Message
 from camrig_emulators.mavlink.messages_more import MESSAGES
@@ -26,7 +27,6 @@ from camrig_emulators.mavlink.vehicle import Vehicle
 _COMPONENT = 1
 KEPT_RECEIVED = 50_000
 _GROUND_STATION = 6  # MAV_TYPE_GCS
-_SET_MODE, _REBOOT, _GET_HOME = 176, 246, 410  # MAV_CMD
 _HOME_POSITION = 242
 _DROPPABLE = {"COMMAND_LONG", "COMMAND_INT", "SET_POSITION_TARGET_LOCAL_NED"}
 
@@ -156,16 +156,16 @@ class MavlinkProtocol:
         command = int(message.command)
         reply: Message = None
         match command:
-            case 246:  # PREFLIGHT_REBOOT_SHUTDOWN
+            case Cmd.REBOOT:
                 result: int | None = self._reboot_result(params)
-            case 511:  # SET_MESSAGE_INTERVAL
+            case Cmd.SET_MESSAGE_INTERVAL:
                 result = self._set_interval(address, whole(params[0]), params[1])
-            case 510:  # GET_MESSAGE_INTERVAL
+            case Cmd.GET_MESSAGE_INTERVAL:
                 interval_us = min(2.0**31 - 1.0, 1e6 * self._outbox.interval_s(address, whole(params[0])))
                 reply = dialect.MAVLink_message_interval_message(whole(params[0]) & 0xFFFF, max(-1, round(interval_us)))
                 result = ACCEPTED
-            case 512 | 410:  # REQUEST_MESSAGE, GET_HOME_POSITION
-                reply = self._telemetry(_HOME_POSITION if command == _GET_HOME else whole(params[0]))
+            case Cmd.REQUEST_MESSAGE | Cmd.GET_HOME_POSITION:
+                reply = self._telemetry(_HOME_POSITION if command == Cmd.GET_HOME_POSITION else whole(params[0]))
                 result = FAILED if reply is None else ACCEPTED
             case _:
                 a, b, c, d, e, f, g = params
@@ -173,7 +173,7 @@ class MavlinkProtocol:
         if result is not None:
             self._acknowledge(address, message, command, result)
         self._outbox.send(address, reply)
-        if command == _REBOOT and result == ACCEPTED:
+        if command == Cmd.REBOOT and result == ACCEPTED:
             self.vehicle.reboot()
 
     def _telemetry(self, number: int) -> Message:
@@ -182,7 +182,7 @@ class MavlinkProtocol:
 
     def _acknowledge(self, address: Address, message: Any, command: int, result: int) -> None:
         asker = (message.get_srcSystem(), message.get_srcComponent())
-        twice = command == _SET_MODE and self._rng.random() < self.vehicle.firmware.double_ack_rate
+        twice = command == Cmd.SET_MODE and self._rng.random() < self.vehicle.firmware.double_ack_rate
         for _ in range(2 if twice else 1):
             self._outbox.send(address, dialect.MAVLink_command_ack_message(command, result, 0, 0, *asker))
 

@@ -9,7 +9,6 @@ import numpy as np
 from camrig_emulators.mavlink.cockpit import (
     ACCEPTED,
     CRITICAL,
-    DENIED,
     FORCE,
     INFO,
     REACHED_M,
@@ -18,9 +17,11 @@ from camrig_emulators.mavlink.cockpit import (
     Cockpit,
     ReturnHome,
 )
+from camrig_emulators.mavlink.commands import Cmd
 from camrig_emulators.mavlink.dynamics import Demand
 from camrig_emulators.mavlink.firmware import CommandParams, whole
 from camrig_emulators.mavlink.px4_failsafes import Px4Failsafes
+from camrig_emulators.mavlink.px4_gimbal import px4_gimbal
 from camrig_emulators.mavlink.px4_modes import ALTCTL, HOLD, LAND, MODES, OFFBOARD, RTL, TAKEOFF, custom_mode
 from camrig_emulators.mavlink.set_points import PX4_FRAMES, SetPoint, px4_goal
 from camrig_emulators.mavlink.streams import PX4_STREAMS_HZ
@@ -178,38 +179,22 @@ class Px4:
 
     def command(self, command: int, params: CommandParams) -> int | None:
         match command:
-            case 176:
+            case Cmd.SET_MODE:
                 self._set_mode(whole(params[1]), whole(params[2]))
                 return ACCEPTED  # whatever became of it: only HEARTBEAT tells
-            case 400:
+            case Cmd.ARM_DISARM:
                 return self._arm(params[1]) if params[0] >= 0.5 else self._disarm_asked(params[1])
-            case 22:
+            case Cmd.TAKEOFF:
                 return self._take_off(params[6])
-            case 21:
+            case Cmd.LAND:
                 return self._set_mode(4, 6)
-            case 20:
+            case Cmd.RETURN_TO_LAUNCH:
                 return self._set_mode(4, 5)
-            case 178:
+            case Cmd.CHANGE_SPEED:
                 return ACCEPTED  # of no effect in OFFBOARD
-            case 205 | 1000 | 1001:
-                return self._gimbal(command, params)
+            case Cmd.MOUNT_CONTROL | Cmd.GIMBAL_PITCH_YAW | Cmd.GIMBAL_CONFIGURE:
+                return px4_gimbal(self._cockpit.mount, command, params)
         return UNSUPPORTED
-
-    def _gimbal(self, command: int, params: CommandParams) -> int | None:
-        mount = self._cockpit.mount
-        if mount is None:
-            return None  # no gimbal module runs, so nobody answers
-        if command == 1001:
-            taken = (whole(params[0]), whole(params[1]))
-            mount.owner = taken if all(0 < number < 256 for number in taken) else mount.owner
-            return ACCEPTED
-        if command == 205:
-            mount.point(params[0], params[2], 0)
-            return ACCEPTED
-        if mount.owner is None:
-            return DENIED  # take control by DO_GIMBAL_MANAGER_CONFIGURE first
-        mount.point(params[0], params[1], whole(params[4]))
-        return ACCEPTED
 
     def change_mode(self, mode: int) -> int:
         return self._set_mode(mode >> 16 & 0xFF, mode >> 24 & 0xFF)
