@@ -207,6 +207,24 @@ def test_when_the_pose_stops_px4_gives_up_its_place_and_sinks() -> None:
     assert pilot.height_m == 0.0  # set-points do not lift it again
 
 
+@FLAVOURS
+@pytest.mark.parametrize("lost_s", [1.0, 7.0])
+def test_without_poses_it_can_still_be_told_to_land(flavour: str, lost_s: float) -> None:
+    pilot = flying(flavour)
+    pilot.wait(lost_s, set_point((0.0, 0.0, -2.0)))
+    assert pilot.command(21) == [ACCEPTED]
+    pilot.until(lambda: not pilot.armed)
+    assert pilot.height_m == 0.0
+
+
+def test_px4_without_an_origin_has_no_home_to_tell() -> None:
+    pilot = blind_pilot("px4")
+    pilot.wait(1.0, pilot.pose, 25.0)
+    assert pilot.command(REQUEST, 242) == [FAILED]
+    pilot.say(origin())
+    assert pilot.command(REQUEST, 242) == [ACCEPTED]
+
+
 def test_px4_returns_to_offboard_when_the_pose_is_back() -> None:
     pilot = flying("px4")
     point = set_point((0.0, 0.0, -2.0))

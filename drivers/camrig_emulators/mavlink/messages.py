@@ -140,9 +140,9 @@ def battery_status(report: Report) -> Message:
 
 
 def home_position(report: Report) -> Message:
-    """HOME_POSITION (242), once home is set."""
+    """HOME_POSITION (242), once home is set and has a place on the globe."""
     cockpit = report.vehicle.cockpit
-    if cockpit.home_m is None:
+    if cockpit.home_m is None or not cockpit.estimator.origin_known:
         return None
     north, east, down = map(float, cockpit.frame.to_ned(cockpit.home_m))
     globe = cockpit.frame.to_globe(cockpit.home_m)

@@ -82,6 +82,11 @@ class Px4:
         return self._cockpit.now_s - self._set_point_s <= self._cockpit.params["COM_OF_LOSS_T"]
 
     @property
+    def _blind(self) -> bool:
+        estimator = self._cockpit.estimator
+        return estimator.local and estimator.lost_s > _ESTIMATOR_PATIENCE_S
+
+    @property
     def modes(self) -> dict[str, int]:
         return {name.lower(): number for number, name in MODES.items()}
 
@@ -132,8 +137,8 @@ class Px4:
     def _fall_back(self) -> None:
         """Fly what is possible instead of what was asked for; as soon as that is possible, it is flown again."""
         cockpit = self._cockpit
-        blind = cockpit.armed and cockpit.estimator.local and cockpit.estimator.lost_s > _ESTIMATOR_PATIENCE_S
-        if blind and (not cockpit.landed or self._failsafe == ALTCTL):
+        flying = cockpit.armed and (not cockpit.landed or self._failsafe == ALTCTL)
+        if flying and self._blind:
             if self._failsafe != ALTCTL:
                 cockpit.say(CRITICAL, "Failsafe activated")
             self._fail_over(ALTCTL)
@@ -204,7 +209,7 @@ class Px4:
         if mode == TAKEOFF:
             return self._take_off(math.nan)
         flyable = mode in {HOLD, RTL, LAND} or (mode == OFFBOARD and self._streaming)
-        if not flyable or not self._cockpit.ready:
+        if not flyable or not self._cockpit.estimator.local or (self._blind and mode != LAND):
             if mode in MODES:
                 self._cockpit.say(CRITICAL, f"Switching to {MODES[mode]} is currently not available")
             return TEMPORARILY_REJECTED
