@@ -145,8 +145,8 @@ class Pilot:
         return float(np.linalg.norm(self.vehicle.history.latest.truth.velocity_m_s))
 
     def quiet(self) -> None:
-        """Ask for two telemetry messages and no others, which saves time."""
-        for number in (24, 30, 31, 33, 147, 242):
+        """Ask for three telemetry messages and no others, which saves time."""
+        for number in self.vehicle.firmware.default_streams_hz.keys() - {0, 111}:
             self.command(SET_INTERVAL, number, -1)
         for number, rate_hz in ((32, 10.0), (245, 4.0), (1, 2.0)):
             self.command(SET_INTERVAL, number, 1e6 / rate_hz)
