@@ -17,7 +17,9 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 from camrig.geometry.arrays import GreyImage, Transform
 from camrig.messages import (
     AxisReading,
+    BodyPose,
     CameraPose,
+    DroneHealth,
     DroneReading,
     Event,
     Frame,
@@ -193,9 +195,11 @@ class Drone(Actuator, Protocol):
     """A camera drone. Positions are world metres (ENU), yaw 0 = nose along world x, counter-clockwise."""
 
     def arm(self) -> None:
-        """Operator's order: check, arm, and climb to the box's lowest height. Non-blocking: progress shows in ``read``.
-        Raises HardwareError with the reason where the vehicle is not fit, NotEnabledError never.
-        """
+        """Operator's order on the ground: arm and climb to the box's lowest height; HardwareError says why not."""
+        ...
+
+    def resume(self) -> None:
+        """Operator's order in the air: take hover points again, from where it is. As ``arm``, refused on the ground."""
         ...
 
     def go_to(self, position_m: tuple[float, float, float], yaw_rad: float) -> None:
@@ -210,6 +214,24 @@ class Drone(Actuator, Protocol):
         """Serve the link (heartbeat, set-points, acks) for up to ``timeout_s`` and return new readings, oldest first.
         Raises LinkLost after a silence of 3 s.
         """
+        ...
+
+
+@runtime_checkable
+class TellsItsHealth(Protocol):
+    """What a drone's driver offers besides, where it knows more than the pose."""
+
+    def health(self) -> DroneHealth | None:
+        """Return how the drone is, None while it is not open; any thread."""
+        ...
+
+
+@runtime_checkable
+class FliesByPoses(Protocol):
+    """What a drone's driver offers besides, where the drone may navigate by what its camera sees."""
+
+    def take_pose(self, pose: BodyPose) -> None:
+        """Send a pose to the autopilot at once, where it wants any; any thread."""
         ...
 
 

@@ -47,6 +47,10 @@ class Peer:
         else:
             self.socket.sendto(data, self.driver_address)
 
+    def parse(self, data: bytes) -> list[Any]:
+        """Return the messages of one datagram."""
+        return self._mavlink.parse_buffer(bytearray(data)) or []
+
     def heard(self, timeout_s: float = 0.2) -> list[Any]:
         """Return the messages that arrive until ``timeout_s`` of silence."""
         messages: list[Any] = []
@@ -54,7 +58,7 @@ class Peer:
         with contextlib.suppress(TimeoutError):
             while True:
                 data, self.driver_address = self.socket.recvfrom(2048)
-                messages += self._mavlink.parse_buffer(bytearray(data)) or []
+                messages += self.parse(data)
         return messages
 
 
@@ -94,6 +98,15 @@ def telemetry(boot_ms: int, *, landed_state: int = 1, height_m: float = 0.0) -> 
         dialect.MAVLink_attitude_message(boot_ms, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         dialect.MAVLink_local_position_ned_message(boot_ms, 2.0, 1.0, -height_m, 0.0, 0.0, 0.0),
     )
+
+
+def parameters() -> list[Any]:
+    """Return what ArduCopter must have, as it tells it."""
+    table = {"FS_GCS_ENABLE": 5.0, "FS_GCS_TIMEOUT": 5.0, "GUID_TIMEOUT": 1.0, "MAV_GCS_SYSID": 255.0}
+    return [
+        dialect.MAVLink_param_value_message(name.encode(), value, 9, len(table), index)
+        for index, (name, value) in enumerate(table.items())
+    ]
 
 
 def make_drone(url: str, clock: RealClock | None = None, **keys: Any) -> MavlinkDrone:

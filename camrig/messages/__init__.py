@@ -15,6 +15,8 @@ from camrig.messages.located import (
 )
 from camrig.messages.measured import (
     AxisReading,
+    BodyPose,
+    DroneHealth,
     DroneReading,
     Expected,
     FlightState,
@@ -48,10 +50,12 @@ from camrig.messages.planned import (
 __all__ = [
     "Aim",
     "AxisReading",
+    "BodyPose",
     "CameraPose",
     "Command",
     "DroneAim",
     "DroneCommand",
+    "DroneHealth",
     "DroneReading",
     "Event",
     "Expected",

@@ -108,6 +108,38 @@ class DroneReading:
     flight: FlightState
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyPose:
+    """Where a drone was at ``stamp_s`` by what its camera saw alone; covariance (6, 6) as in geometry.pose."""
+
+    drone_id: str
+    stamp_s: float
+    T_world_body: Transform
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True)
+class DroneHealth:
+    """How a drone is, for its operator."""
+
+    activity: str
+    """What we do with it, in one word; ``passive`` is nothing."""
+    obeys: bool
+    """Whether it takes hover points now."""
+    begins: bool = False
+    """Whether it will, once it has been taken over, is armed, has climbed."""
+    reason: str = ""
+    """Why the last order ended otherwise than ordered, or what was done about a fault."""
+    unfit: tuple[str, ...] = ()
+    """Why it would not be armed or resumed now, each with its cure."""
+    advice: tuple[str, ...] = ()
+    """What should be otherwise, though it may fly so."""
+    battery: float | None = None
+    """Charge left, 0 to 1."""
+    pose_age_s: float | None = None
+    software: str = ""
+
+
 class LinkStatus(StrEnum):
     """The state of a device's link, as it is published."""
 

@@ -34,10 +34,7 @@ class Endpoint:
         except ValueError:
             port = None
         if parts.scheme not in {"udp", "udpout"} or not parts.hostname or not port or parts.path or parts.query:
-            raise InputError(
-                f"url '{url}' must be udp://host:port (listen there) or udpout://host:port (send there); "
-                "TCP and serial links are not supported yet"
-            )
+            raise InputError(f"url '{url}' must be udp://host:port (listen there) or udpout://host:port (send there)")
         return cls(parts.scheme == "udp", parts.hostname, port)
 
 

@@ -7,7 +7,7 @@ import threading
 import numpy as np
 
 from camrig.clock import Clock, RealClock
-from camrig.errors import InputError, LinkLost, NotEnabledError
+from camrig.errors import HardwareError, InputError, LinkLost, NotEnabledError
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pose import transform
 from camrig.geometry.rotation import rotation_z
@@ -50,10 +50,19 @@ class FakeDrone:
     def arm(self) -> None:
         self._need_link()
         with self._lock:
-            flight = self._update()
+            if self._update() is not FlightState.GROUND:
+                raise HardwareError(f"drone {self.spec.id} is not armed: it is in the air; resume it")
             self._commanded = True
-            if flight is not FlightState.FLYING:
-                self._fly(np.array([*self._position()[:2], self.spec.box_m[0][2]]), FlightState.TAKING_OFF)
+            self._fly(np.array([*self._position()[:2], self.spec.box_m[0][2]]), FlightState.TAKING_OFF)
+
+    def resume(self) -> None:
+        self._need_link()
+        with self._lock:
+            if self._update() is FlightState.GROUND:
+                raise HardwareError(f"drone {self.spec.id} is not resumed: it is not in the air; arm it")
+            self._commanded = True
+            if self._flight is FlightState.LANDING:
+                self._fly(self._position(), FlightState.FLYING)
 
     def go_to(self, position_m: tuple[float, float, float], yaw_rad: float) -> None:
         self._need_link()

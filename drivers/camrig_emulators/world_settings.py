@@ -43,6 +43,13 @@ def head_lines(rig: Rig, section: WorldSection, devices: Devices) -> list[list[P
     return list(lines.values())
 
 
+_FAILSAFES = {
+    "ardupilot": {"FS_GCS_ENABLE": 5.0, "GUID_TIMEOUT": 1.0},
+    "px4": {"COM_OBL_RC_ACT": 4.0, "NAV_DLL_ACT": 3.0},
+}
+"""An emulated rig's drones are set up as a driver wants them to be before it lets them fly."""
+
+
 def drones(rig: Rig, section: WorldSection, devices: Devices) -> list[MavlinkDroneSettings]:
     """Return the settings of every drone with ``driver: mavlink``."""
     _only_known("drones", section.drones, rig.drones)
@@ -56,7 +63,8 @@ def drones(rig: Rig, section: WorldSection, devices: Devices) -> list[MavlinkDro
         keys = {key: raw[key] for key in ("system", "origin_m") if key in raw}
         override = section.drones.get(name)
         given = {} if override is None else override.model_dump(exclude_none=True)
-        found.append(_build(MavlinkDroneSettings, name, {"start_position_m": (x, y, 0.0), **keys, **given}))
+        usual = {"start_position_m": (x, y, 0.0), "params": _FAILSAFES[given.get("flavour", "ardupilot")]}
+        found.append(_build(MavlinkDroneSettings, name, {**usual, **keys, **given}))
     return found
 
 

@@ -14,7 +14,7 @@ from typing import Literal, Protocol
 import numpy as np
 import pytest
 
-from camrig.errors import InputError, LinkLost, NotEnabledError
+from camrig.errors import HardwareError, InputError, LinkLost, NotEnabledError
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pose import difference
 from camrig.geometry.rotation import wrap_angle, yaw_of
@@ -35,6 +35,11 @@ LIMIT_S = 15.0
 REACHED_M = 0.15
 ARRIVAL_S = 0.2
 """A datagram that has been sent has been heard by then."""
+FAILSAFES = {
+    "ardupilot": {"FS_GCS_ENABLE": 5.0, "GUID_TIMEOUT": 1.0},
+    "px4": {"COM_OBL_RC_ACT": 4.0, "NAV_DLL_ACT": 3.0},
+}
+UPKEEP = {511, 512}
 TRUTH_M = 0.06
 """Over three sigma of the emulator's estimate, 1 cm an axis, and 10 ms of flight."""
 
@@ -50,7 +55,7 @@ class DroneRig(Protocol):
         ...
 
     def orders(self) -> int:
-        """Count what it has been told to do: commands and set-points, but no wishes for telemetry."""
+        """Count what it has been told to do: commands and set-points, but no questions and wishes for telemetry."""
         ...
 
     def take_down(self) -> None:
@@ -92,6 +97,7 @@ class MavlinkRig:
             land_speed_m_s=2.0,
             acceleration_m_s2=6.0,
             land_disarm_s=0.2,
+            params=FAILSAFES[flavour],
         )
         self._emulator = EmulatedDrone(settings, seed=1)
         self.faults = self._emulator.faults
@@ -103,7 +109,8 @@ class MavlinkRig:
 
     def orders(self) -> int:
         said = [(message.name, message.fields.get("command")) for message in self._emulator.received]
-        return sum(name != "HEARTBEAT" and command != 511 for name, command in said)
+        orders = {"COMMAND_LONG", "COMMAND_INT", "SET_POSITION_TARGET_LOCAL_NED", "PARAM_SET"}
+        return sum(name in orders and command not in UPKEEP for name, command in said)
 
     def take_down(self) -> None:
         self._emulator.stop()
@@ -135,6 +142,7 @@ class Pilot:
         self.errors_m: list[float] = []
         self.errors_rad: list[float] = []
         self.latest: DroneReading | None = None
+        self.refusal = ""
 
     def read(self) -> None:
         for reading in self.drone.read(0.1):
@@ -175,12 +183,17 @@ class Pilot:
 
     def take_off(self) -> None:
         self.drone.open()
-        assert self.until(lambda: self.latest is not None)
-        self.arm()
-
-    def arm(self) -> None:
-        self.drone.arm()
+        assert self.until(self.may_arm), self.refusal
         assert self.until(self.may_go), self.states
+
+    def may_arm(self) -> bool:
+        """Whether it takes the order to arm, once it has told all that must be known before."""
+        try:
+            self.drone.arm()
+        except HardwareError as error:
+            self.refusal = str(error)
+            return False
+        return True
 
 
 @pytest.fixture
@@ -197,11 +210,13 @@ class TestDrone:
         assert pilot.states == [FlightState.GROUND]
         assert pilot.rig.orders() == 0
         assert pilot.is_at(START_M)
+        with pytest.raises(HardwareError, match="not in the air"):
+            pilot.drone.resume()
 
     def test_nothing_is_taken_before_arming(self, pilot: Pilot) -> None:
         pilot.drone.open()
         pilot.watch(0.2)
-        with pytest.raises(NotEnabledError, match="arm it first"):
+        with pytest.raises(NotEnabledError, match="it first"):
             pilot.drone.go_to(NEAR_M, 0.0)
         pilot.watch(0.2)
         assert pilot.rig.orders() == 0
@@ -233,7 +248,9 @@ class TestDrone:
         assert math.dist(pilot.place_m(), stopped_m) < REACHED_M
         assert not pilot.may_go()
 
-        drone.arm()
+        with pytest.raises(HardwareError, match="in the air"):
+            drone.arm()
+        drone.resume()
         assert pilot.until(pilot.may_go, 2.0)
         assert math.dist(pilot.place_m(), stopped_m) < REACHED_M
         drone.land()
@@ -263,7 +280,8 @@ class TestDrone:
         assert math.dist(pilot.place_m(), left_m) < 0.5
         assert pilot.place_m()[2] > 0.4
 
-        pilot.arm()
+        drone.resume()
+        assert pilot.until(pilot.may_go, 4.0), pilot.states
         drone.go_to(FAR_M, 0.0)
         pilot.watch(0.3)
         pilot.rig.faults.unplug()

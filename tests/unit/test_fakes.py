@@ -133,7 +133,7 @@ def position(drone: FakeDrone) -> list[float]:
 
 def test_a_drone_takes_off_when_armed_flies_and_lands(fake_drone: FakeDrone, manual_clock: ManualClock) -> None:
     assert state(fake_drone) is FlightState.GROUND
-    with pytest.raises(NotEnabledError, match="arm it first"):
+    with pytest.raises(NotEnabledError, match="it first"):
         fake_drone.go_to((1.0, 1.0, 1.5), 0.0)
     fake_drone.arm()
     assert state(fake_drone) is FlightState.TAKING_OFF
@@ -153,7 +153,7 @@ def test_a_drone_takes_off_when_armed_flies_and_lands(fake_drone: FakeDrone, man
     assert state(fake_drone) is FlightState.GROUND
 
 
-def test_a_stopped_drone_holds_where_it_is_until_armed_again(fake_drone: FakeDrone, manual_clock: ManualClock) -> None:
+def test_a_stopped_drone_holds_where_it_is_until_resumed(fake_drone: FakeDrone, manual_clock: ManualClock) -> None:
     fly(fake_drone, manual_clock)
     fake_drone.go_to((4.5, 1.5, 1.0), 0.0)
     manual_clock.advance(1.0)
@@ -164,7 +164,7 @@ def test_a_stopped_drone_holds_where_it_is_until_armed_again(fake_drone: FakeDro
     assert state(fake_drone) is FlightState.FLYING
     with pytest.raises(NotEnabledError):
         fake_drone.go_to((1.0, 1.0, 1.5), 0.0)
-    fake_drone.arm()
+    fake_drone.resume()
     fake_drone.go_to((1.0, 1.0, 1.5), 0.0)
 
 

@@ -10,26 +10,49 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from camrig_drivers.mavlink import packets
 from camrig_drivers.mavlink.codec import Decoder, Encoder
+from camrig_drivers.mavlink.commands import take_off
 from camrig_drivers.mavlink.packets import (
     Attitude,
     CommandAck,
+    Estimator,
     ExtendedState,
+    GimbalAttitude,
+    GlobalOrigin,
     Heartbeat,
     LocalPosition,
     OwnHeartbeat,
+    ParamValue,
     PositionTarget,
     StatusText,
     SystemStatus,
+    TimeSync,
+    Version,
 )
 
 MESSAGES: list[tuple[Any, object]] = [
     (dialect.MAVLink_heartbeat_message(2, 3, 209, 4, 4, 3), Heartbeat(3, 209, 4)),
     (dialect.MAVLink_attitude_message(1234, 0.25, -0.5, 1.5, 0, 0, 0), Attitude(1234, 0.25, -0.5, 1.5)),
-    (dialect.MAVLink_local_position_ned_message(77, 1, 2, -3, 0, 0, 0), LocalPosition(77, (1.0, 2.0, -3.0))),
+    (
+        dialect.MAVLink_local_position_ned_message(77, 1, 2, -3, 0.5, 0.25, -0.5),
+        LocalPosition(77, (1.0, 2.0, -3.0), (0.5, 0.25, -0.5)),
+    ),
     (dialect.MAVLink_extended_sys_state_message(0, 2), ExtendedState(2)),
-    (dialect.MAVLink_sys_status_message(7, 6, 5, *[0] * 10), SystemStatus(7, 6, 5)),
+    (dialect.MAVLink_sys_status_message(7, 6, 5, 0, 0, 0, 50, *[0] * 6), SystemStatus(7, 6, 5, 0.5)),
+    (dialect.MAVLink_sys_status_message(7, 6, 5, 0, 0, 0, -1, *[0] * 6), SystemStatus(7, 6, 5, None)),
+    (dialect.MAVLink_param_value_message(b"GUID_TIMEOUT", 0.5, 9, 900, 12), ParamValue("GUID_TIMEOUT", 0.5, 9)),
+    (dialect.MAVLink_timesync_message(5, 7), TimeSync(5, 7)),
+    (dialect.MAVLink_ekf_status_report_message(831, 0.1, 0.5, 0.25, 2.0, 0.0), Estimator(831, 0.5)),
+    (dialect.MAVLink_estimator_status_message(1, 831, 0.25, 0.5, math.nan, 2, 0, 0, 0, 0), Estimator(831, 0.5)),
+    (dialect.MAVLink_gps_global_origin_message(473977420, 85455940, 488000), GlobalOrigin(47.397742, 8.545594, 488.0)),
+    (
+        dialect.MAVLink_autopilot_version_message(128, 0x04070100, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0),
+        Version(128, 0x04070100),
+    ),
+    (
+        dialect.MAVLink_gimbal_device_attitude_status_message(0, 0, 9, 0, [1.0, 0.0, 0.0, 0.0], 0, 0, 0, 0),
+        GimbalAttitude(0.0),
+    ),
     (dialect.MAVLink_command_ack_message(400, 4, 0, 0, 255, 190), CommandAck(400, 4, (255, 190))),
     (dialect.MAVLink_statustext_message(2, b"Arm: no", 0, 0), StatusText(2, "Arm: no", 0, 0)),
 ]
@@ -67,7 +90,7 @@ def test_set_point_is_frame_1_mask_9f8() -> None:
 
 
 def test_take_off_height_is_parameter_7() -> None:
-    sent = dialect.MAVLink(None).decode(bytearray(Encoder().encode(packets.take_off(1.5), (1, 1))))
+    sent = dialect.MAVLink(None).decode(bytearray(Encoder().encode(take_off(1.5), (1, 1))))
     assert (sent.command, sent.param7, sent.confirmation) == (22, 1.5, 0)
     assert math.isnan(sent.param4)
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from camrig_drivers.mavlink.fitness import inside, unfit
+from camrig_drivers.mavlink.fitness import unfit
 from camrig_drivers.mavlink.flavours import ARDUCOPTER, PX4, Flavour
 from camrig_drivers.mavlink.packets import (
     Command,
@@ -16,7 +15,7 @@ from camrig_drivers.mavlink.packets import (
     StatusText,
 )
 from camrig_drivers.mavlink.phase import Phase
-from tests.mavlink_copter import BOTH, LOITER, SPEC, STEP_S, Flight
+from tests.mavlink_copter import BOTH, LOITER, STEP_S, Flight
 
 
 @BOTH
@@ -28,9 +27,11 @@ def test_vehicle_found_in_the_air_is_left_alone_until_armed(flavour: Flavour) ->
     assert flight.commands() == []
     assert flight.set_points() == []
     flight.vehicle.arm(flight.now_s)
+    assert flight.commands() == []
+    flight.vehicle.resume(flight.now_s)
     assert flight.reaches(Phase.FLYING)
     flight.run(2.0)
-    assert set(flight.commands()) == {176}
+    assert set(flight.commands()) - {178} == {176}
     assert flight.copter.position_m == pytest.approx((2.0, 2.0, 1.5), abs=0.01)
 
 
@@ -130,18 +131,25 @@ def test_mode_that_is_accepted_but_not_taken_ends_the_attempt() -> None:
 
 
 @BOTH
-def test_estimate_that_jumps_stops_the_move(flavour: Flavour) -> None:
+@pytest.mark.parametrize(
+    ("jump_m", "phase", "reason"), [(1.2, Phase.HOLDING, "jumped"), (100.0, None, "outside its box")]
+)
+def test_estimate_that_jumps_stops_the_move(flavour: Flavour, jump_m: float, phase: Phase | None, reason: str) -> None:
+    """A jump within reason is held, at the new estimate; one out of the room is landed. Neither is flown back."""
     flight = Flight(flavour)
     flight.take_off()
     flight.run(1.0)
     flight.vehicle.go_to((3.0, 2.0, 2.0), 0.0)
     flight.run(1.0)
-    x, y, z = flight.copter.position_m
-    flight.copter.position_m = (x, y, z + 100.0)
+    truly_m, since_s = flight.copter.position_m, flight.now_s
+    flight.copter.bias_m = (0.0, 0.0, jump_m)
     flight.run(0.5)
-    assert flight.vehicle.phase is Phase.HOLDING
-    assert "implausibly" in flight.vehicle.reason
-    assert flight.set_points()[-1][1][2] == pytest.approx(z + 100.0, abs=2.0)
+    assert phase in {None, flight.vehicle.phase}
+    assert reason in flight.vehicle.reason
+    if phase is None:
+        assert 21 in flight.commands(since_s)
+    else:
+        assert math.dist(flight.copter.position_m, truly_m) < 0.1
 
 
 @pytest.mark.parametrize(
@@ -154,19 +162,19 @@ def test_estimate_that_jumps_stops_the_move(flavour: Flavour) -> None:
         ({"armed": True, "landed_state": 0}, "EXTENDED_SYS_STATE"),
     ],
 )
-def test_unfit_vehicle_is_named(change: dict[str, object], text: str) -> None:
+def test_unfit_vehicle_is_named(change: dict[str, Any], text: str) -> None:
     flight = Flight(PX4, **change)
     flight.run(2.0)
-    assert text in (unfit(SPEC, PX4, flight.vehicle.seen, flight.now_s) or "")
+    assert text in "; ".join(unfit(flight.vehicle, flight.now_s))
 
 
 def test_fitness_needs_fresh_heartbeat_and_position() -> None:
     flight = Flight(ARDUCOPTER)
-    assert "local position" in (unfit(SPEC, ARDUCOPTER, flight.vehicle.seen, flight.now_s) or "")
+    assert "local position" in "; ".join(unfit(flight.vehicle, flight.now_s))
     flight.run(2.0)
-    assert unfit(SPEC, ARDUCOPTER, flight.vehicle.seen, flight.now_s) is None
-    assert "local position" in (unfit(SPEC, ARDUCOPTER, flight.vehicle.seen, flight.now_s + 1.0) or "")
-    assert "heartbeat" in (unfit(SPEC, ARDUCOPTER, flight.vehicle.seen, flight.now_s + 4.0) or "")
+    assert list(unfit(flight.vehicle, flight.now_s)) == []
+    assert "local position" in "; ".join(unfit(flight.vehicle, flight.now_s + 1.0))
+    assert "heartbeat" in "; ".join(unfit(flight.vehicle, flight.now_s + 4.0))
 
 
 def test_long_texts_are_joined_from_their_chunks() -> None:
@@ -174,64 +182,3 @@ def test_long_texts_are_joined_from_their_chunks() -> None:
     for packet in [StatusText(2, "x" * 50, 7, 0), StatusText(2, "y" * 50, 7, 1), StatusText(2, "end\t", 7, 2)]:
         flight.vehicle.hear(packet, flight.now_s)
     assert flight.vehicle.seen.last_warning == "x" * 50 + "y" * 50 + "end"
-
-
-EVENTS = st.sampled_from(
-    [
-        "arm",
-        "stop",
-        "land",
-        "go_near",
-        "go_far",
-        "failsafe",
-        "back",
-        "deaf",
-        "hears",
-        "silent",
-        "speaks",
-        "hang",
-        "reboot",
-    ]
-)
-
-
-@BOTH
-@settings(max_examples=60, deadline=None)
-@given(events=st.lists(st.tuples(EVENTS, st.sampled_from([0.03, 0.4, 1.5, 4.0])), max_size=14))
-def test_whatever_happens_box_speed_and_permission_hold(flavour: Flavour, events: list[tuple[str, float]]) -> None:
-    flight = Flight(flavour)
-    flight.run(1.5)
-    ordered = False
-    for event, wait_s in events:
-        ordered = ordered or event in {"arm", "land"}
-        before = len(flight.said)
-        allowed = flight.vehicle.phase is not Phase.PASSIVE or event in {"arm", "land"}
-        disturb(flight, event)
-        flight.run(wait_s)
-        said = [item for item in flight.said[before:] if getattr(item[1], "command", 0) != 511]
-        assert allowed or not said
-        assert ordered or not flight.copter.armed
-        highest_m = max([0.0, *(point[2] for _, point in flight.set_points())])
-        assert highest_m <= SPEC.box_m[1][2] + 0.01
-        assert all(inside((x, y, 1.0), SPEC.box_m) for _, (x, y, _) in flight.set_points())
-
-
-def disturb(flight: Flight, event: str) -> None:
-    vehicle, copter, now_s = flight.vehicle, flight.copter, flight.now_s
-    if event == "arm" and unfit(SPEC, copter.flavour, vehicle.seen, now_s) is None:
-        vehicle.arm(now_s)
-    actions: dict[str, Callable[[], None]] = {
-        "stop": lambda: vehicle.stop(now_s),
-        "land": lambda: vehicle.land(now_s),
-        "go_near": lambda: vehicle.go_to((1.5, 1.0, 1.2), 0.0),
-        "go_far": lambda: vehicle.go_to((5.0, 3.0, 2.5), 3.0),
-        "failsafe": lambda: copter.enter(copter.flavour.land),
-        "back": lambda: copter.enter(copter.flavour.ours),
-        "deaf": lambda: setattr(copter, "deaf", True),
-        "hears": lambda: setattr(copter, "deaf", False),
-        "silent": lambda: setattr(copter, "silent", True),
-        "speaks": lambda: setattr(copter, "silent", False),
-        "hang": lambda: setattr(flight, "now_s", now_s + 1.5),
-        "reboot": lambda: setattr(copter, "booted_s", now_s),
-    }
-    actions.get(event, lambda: None)()

@@ -35,7 +35,7 @@ from tests.mavlink_peer import (
 # --- opening --------------------------------------------------------------------------------------------
 
 
-def test_opening_says_who_we_are_and_asks_for_four_streams() -> None:
+def test_opening_says_who_we_are_and_asks() -> None:
     with listening() as peer, opened(make_drone(url_of(peer), stream_hz=20.0), peer) as drone:
         greeting = drone.read(0.0)
         messages = peer.heard()
@@ -43,10 +43,12 @@ def test_opening_says_who_we_are_and_asks_for_four_streams() -> None:
     assert {message.get_srcSystem() for message in messages} == {255}
     assert {message.get_srcComponent() for message in messages} == {190}
     intervals = {m.param1: m.param2 for m in messages if m.get_type() == "COMMAND_LONG"}
-    assert intervals == {30.0: 50_000.0, 32.0: 50_000.0, 245.0: 200_000.0, 1.0: 500_000.0}
-    assert {(m.command, m.target_system, m.target_component) for m in messages if m.get_type() == "COMMAND_LONG"} == {
-        (511, 1, 1)
-    }
+    assert intervals == {30.0: 50_000.0, 32.0: 50_000.0, 245.0: 200_000.0, 1.0: 500_000.0, 193.0: 500_000.0, 148.0: 0.0}
+    commands = [m for m in messages if m.get_type() == "COMMAND_LONG"]
+    assert {(m.command, m.target_system, m.target_component) for m in commands} == {(511, 1, 1), (512, 1, 1)}
+    asked = {m.param_id for m in messages if m.get_type() == "PARAM_REQUEST_READ"}
+    assert {"FS_GCS_ENABLE", "GUID_TIMEOUT", "MAV_GCS_SYSID", "SYSID_MYGCS"} <= asked
+    assert "TIMESYNC" in {message.get_type() for message in messages}
 
 
 def test_first_word_is_a_ground_station_heartbeat() -> None:
@@ -179,7 +181,7 @@ def test_listening_driver_answers_where_the_vehicle_sends_from() -> None:
     with sending(port) as peer, found(make_drone(f"udp://127.0.0.1:{port}"), peer, PX4):
         types = [message.get_type() for message in peer.heard()]
     assert types.count("HEARTBEAT") == 1
-    assert types.count("COMMAND_LONG") == 4
+    assert types.count("COMMAND_LONG") == 6  # five streams and the version
 
 
 def test_second_vehicle_of_one_system_is_refused() -> None:
@@ -249,11 +251,12 @@ def test_two_drones_share_one_port_and_two_threads() -> None:
 @pytest.mark.parametrize(
     ("keys", "text"),
     [
-        ({"url": "tcp://127.0.0.1:5760"}, "udp://host:port"),
+        ({"url": "tcp://127.0.0.1"}, "tcp://host:port"),
+        ({"url": "serial:///dev/ttyUSB0"}, "serial:///dev/...:baud"),
         ({"url": "udp://127.0.0.1"}, "udp://host:port"),
         ({"url": "udp://127.0.0.1:99999"}, "udp://host:port"),
-        ({"url": "/dev/ttyUSB0"}, "TCP and serial links are not supported yet"),
-        ({"url": "udp://127.0.0.1:14550", "pose": "vision"}, "vision is not supported yet"),
+        ({"url": "/dev/ttyUSB0"}, "serial:///dev/...:baud"),
+        ({"url": "udp://127.0.0.1:14550", "pose": "lidar"}, "'telemetry' or 'vision'"),
         ({"url": "udp://127.0.0.1:14550", "sytem": 2}, "Extra inputs"),
         ({"url": "udp://127.0.0.1:14550", "system": 255}, "less than or equal to 254"),
     ],

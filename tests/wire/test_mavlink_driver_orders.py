@@ -6,9 +6,11 @@ import threading
 import time
 from typing import Any
 
+import numpy as np
 import pytest
 
 from camrig.errors import InputError, NotEnabledError
+from camrig.messages import BodyPose
 from camrig_drivers.mavlink import MavlinkDrone
 from tests.mavlink_peer import (
     GUIDED,
@@ -17,6 +19,7 @@ from tests.mavlink_peer import (
     listening,
     make_drone,
     opened,
+    parameters,
     served,
     telemetry,
     url_of,
@@ -25,8 +28,9 @@ from tests.mavlink_peer import (
 
 def flying(peer: Peer, drone: MavlinkDrone) -> None:
     """Take over a vehicle that hovers in GUIDED already, and send it off to the east."""
+    peer.say(*parameters())
     hover(peer, drone, 1000)
-    drone.arm()
+    drone.resume()
     served(drone)
     drone.go_to((4.0, 2.0, 1.5), 0.0)
 
@@ -66,7 +70,7 @@ def test_stop_from_another_thread_is_on_the_wire_at_once() -> None:
 def test_stop_without_a_fresh_position_holds_the_last_set_point() -> None:
     with listening() as peer, opened(make_drone(url_of(peer)), peer) as drone:
         flying(peer, drone)
-        served(drone, 0.6)
+        served(drone, 0.7)  # after 0.5 s without a position it holds by itself
         moving = set_points(peer.heard(0.01))
         drone.stop()
         assert set_points(peer.heard(0.05)) == [moving[-1]]
@@ -83,16 +87,17 @@ def test_stop_needs_no_reader() -> None:
 
 def test_take_over_in_the_air_commands_the_present_place_only() -> None:
     with listening() as peer, opened(make_drone(url_of(peer)), peer) as drone:
+        peer.say(*parameters())
         peer.say(heartbeat(mode=GUIDED, armed=True), *telemetry(1000, landed_state=2, height_m=1.5))
         served(drone)
         peer.heard(0.01)
-        drone.arm()
+        drone.resume()
         served(drone, 0.3)
         sent = peer.heard(0.05)
     targets = [m for m in sent if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
     assert {(m.coordinate_frame, m.type_mask, m.target_system) for m in targets} == {(1, 0x9F8, 1)}
     assert {(m.x, m.y, m.z) for m in targets} == {(2.0, 1.0, -1.5)}
-    assert {m.command for m in sent if m.get_type() == "COMMAND_LONG"} <= {511}
+    assert {m.command for m in sent if m.get_type() == "COMMAND_LONG"} <= {178, 511, 512}
 
 
 def test_go_to_is_checked_before_anything_else() -> None:
@@ -101,7 +106,7 @@ def test_go_to_is_checked_before_anything_else() -> None:
         with pytest.raises(InputError, match=r"outside its box \[0, 0, 1\] to \[5, 3, 2.5\] m"):
             drone.go_to(place, 0.0)
     for place in [(1.0, 1.0, 1.5), (5.0 + 1e-12, 3.0, 2.5)]:
-        with pytest.raises(NotEnabledError, match="arm it first"):
+        with pytest.raises(NotEnabledError, match="it first"):
             drone.go_to(place, 0.0)
 
 
@@ -110,3 +115,32 @@ def test_closing_twice_and_stopping_when_closed_are_allowed() -> None:
     drone.stop()
     drone.close()
     drone.close()
+
+
+def test_a_pose_by_anchors_is_on_the_wire_in_milliseconds() -> None:
+    """From the camera's thread, while the drone's waits; the median, for the machine is shared."""
+    with listening() as peer, opened(make_drone(url_of(peer), pose="vision"), peer) as drone:
+        peer.heard(0.01)
+        peer.socket.settimeout(2.0)
+        worker = threading.Thread(target=served, args=(drone, 1.5))
+        worker.start()
+        latencies_s = []
+        for _ in range(15):
+            now_s = time.monotonic()
+            drone.take_pose(BodyPose("d1", now_s, np.eye(4), 1e-4 * np.eye(6)))
+            while True:
+                data = peer.socket.recv(2048)
+                arrived_s = time.monotonic()
+                if any(m.get_type() == "VISION_POSITION_ESTIMATE" for m in peer.parse(data)):
+                    break
+            latencies_s.append(arrived_s - now_s)
+            time.sleep(0.03)
+        worker.join()
+    assert sorted(latencies_s)[len(latencies_s) // 2] < 0.005
+
+
+def test_a_drone_that_navigates_by_itself_is_sent_no_poses() -> None:
+    with listening() as peer, opened(make_drone(url_of(peer)), peer) as drone:
+        drone.take_pose(BodyPose("d1", time.monotonic(), np.eye(4), 1e-4 * np.eye(6)))
+        served(drone)
+        assert not {"VISION_POSITION_ESTIMATE", "ODOMETRY"} & {m.get_type() for m in peer.heard(0.05)}

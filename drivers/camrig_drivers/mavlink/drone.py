@@ -3,10 +3,10 @@
 The thread that calls ``read`` does all the work; ``arm``, ``go_to``, ``stop`` and ``land`` check what can be checked,
 leave an order for it and wake it.
 
-After ``stop`` the drone holds where it is and refuses ``go_to`` until ``arm`` is called again; in the air that resumes
-from where it hovers. ``stop`` while it takes off holds it there (on the ground: ends the take-off), while it lands by
-our order it breaks the landing off, and where somebody else flies it (a pilot, a failsafe) it changes nothing.
-``close`` leaves a flying drone standing in the air and lets a landing go on; it never lands or disarms.
+After ``stop`` or a fault the drone holds where it is and refuses ``go_to`` until ``resume``. ``stop`` while it takes
+off holds it there (on the ground: ends the take-off), while it lands by our order it breaks the landing off, and where
+somebody else flies it (a pilot, a failsafe) it changes nothing. ``close`` leaves a flying drone standing in the air and
+lets a landing go on; it never lands or disarms.
 """
 
 from __future__ import annotations
@@ -15,22 +15,26 @@ import contextlib
 import logging
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from camrig.clock import Clock, RealClock
 from camrig.errors import HardwareError, InputError, LinkLost, NotEnabledError
-from camrig.messages import DroneReading
+from camrig.messages import BodyPose, DroneHealth, DroneReading
 from camrig.rig import DroneSpec
+from camrig_drivers.mavlink.box import box_text, inside
 from camrig_drivers.mavlink.codec import Address
-from camrig_drivers.mavlink.fitness import box_text, inside, unfit
+from camrig_drivers.mavlink.fitness import advice, unfit
 from camrig_drivers.mavlink.flavours import FLAVOURS
 from camrig_drivers.mavlink.frames import Vector
 from camrig_drivers.mavlink.link import Link
-from camrig_drivers.mavlink.packets import Heard, Heartbeat, Said
+from camrig_drivers.mavlink.packets import Heard, Heartbeat, Odometry, Said, VisionEstimate
 from camrig_drivers.mavlink.phase import Phase
 from camrig_drivers.mavlink.section import MavlinkSection
+from camrig_drivers.mavlink.signing import Signing
 from camrig_drivers.mavlink.telemetry import LINK_SILENCE_S, Telemetry
 from camrig_drivers.mavlink.vehicle import Vehicle
+from camrig_drivers.mavlink.vision import VisionPoses
+from camrig_drivers.mavlink.watch import STALE_S
 
 _log = logging.getLogger(__name__)
 
@@ -51,6 +55,8 @@ class MavlinkDrone:
         self._clock = clock or RealClock()
         self._vehicle: Vehicle | None = None
         self._orders: deque[Order] = deque(maxlen=32)
+        self._poses: deque[BodyPose] = deque(maxlen=4)
+        self._vision: VisionPoses | None = None
         self._stopped = False
         self._intruder = ""
         self._unknown_autopilot: int | None = None
@@ -75,7 +81,7 @@ class MavlinkDrone:
 
     def read(self, timeout_s: float) -> tuple[DroneReading, ...]:
         vehicle = self._opened()
-        self._link.serve(timeout_s, lambda: bool(vehicle.readings))
+        self._link.serve(timeout_s, lambda: bool(vehicle.report.readings))
         if vehicle.seen.silent(self._clock.now_s()):
             raise LinkLost(f"drone {self._spec.id}: no heartbeat for {LINK_SILENCE_S:g} s on {self._link.url}")
         if self._intruder and vehicle.phase is Phase.PASSIVE:
@@ -83,16 +89,32 @@ class MavlinkDrone:
         readings = []
         with contextlib.suppress(IndexError):
             while True:
-                readings.append(vehicle.readings.popleft())
+                readings.append(vehicle.report.readings.popleft())
         return tuple(readings)
 
     def arm(self) -> None:
         vehicle = self._opened()
-        reason = self._intruder or unfit(self._spec, vehicle.flavour, vehicle.seen, self._clock.now_s())
-        if reason:
-            raise HardwareError(f"drone {self._spec.id} is not armed: {reason}")
+        flies = "it is in the air; resume it, and it follows plans from where it is" if vehicle.seen.airborne else ""
+        self._refuse("armed", flies)
         self._stopped = False
         self._order(Vehicle.arm)
+
+    def resume(self) -> None:
+        vehicle = self._opened()
+        self._refuse("resumed", "" if vehicle.seen.airborne else "it is not in the air; arm it, and it takes off")
+        self._stopped = False
+        self._order(Vehicle.resume)
+
+    def _refuse(self, what: str, first: str) -> None:
+        reasons = (first,) if first else self._unfit()
+        if reasons:
+            raise HardwareError(f"drone {self._spec.id} is not {what}: {'; '.join(reasons)}")
+
+    def _unfit(self) -> tuple[str, ...]:
+        if self._intruder:
+            return (self._intruder,)
+        vehicle = self._opened()
+        return tuple(unfit(vehicle, self._clock.now_s()))
 
     def go_to(self, position_m: Vector, yaw_rad: float) -> None:
         if not inside(position_m, self._spec.box_m) or not math.isfinite(yaw_rad):
@@ -102,7 +124,9 @@ class MavlinkDrone:
         vehicle = self._vehicle
         if vehicle is None or self._stopped or vehicle.phase is not Phase.FLYING:
             reason = f" ({vehicle.reason})" if vehicle is not None and vehicle.reason else ""
-            raise NotEnabledError(f"drone {self._spec.id} is not flying under our command{reason}; arm it first")
+            raise NotEnabledError(
+                f"drone {self._spec.id} is not flying under our command{reason}; arm or resume it first"
+            )
         self._order(lambda vehicle, _now_s: vehicle.go_to(position_m, yaw_rad))
 
     def stop(self) -> None:
@@ -126,10 +150,27 @@ class MavlinkDrone:
         self._vehicle = None
         self._link.leave(self)
 
-    @property
-    def reason(self) -> str:
-        """Why the last order ended otherwise than ordered; empty where it did not."""
-        return self._vehicle.reason if self._vehicle else ""
+    def take_pose(self, pose: BodyPose) -> None:
+        if self._vision is not None:
+            self._poses.append(pose)
+            self._link.wake()
+
+    def health(self) -> DroneHealth | None:
+        vehicle, now_s = self._vehicle, self._clock.now_s()
+        if vehicle is None:
+            return None
+        seen = vehicle.seen
+        return DroneHealth(
+            activity=vehicle.phase.name.lower(),
+            obeys=vehicle.phase is Phase.FLYING and not self._stopped,
+            begins=vehicle.phase in {Phase.ENTERING, Phase.ARMING, Phase.CLIMBING},
+            reason=vehicle.reason,
+            unfit=self._unfit(),
+            advice=tuple(advice(vehicle)),
+            battery=seen.system.battery if seen.system else None,
+            pose_age_s=None if seen.position_m is None else now_s - seen.position_s,
+            software=f"{vehicle.flavour.name} {seen.version.number}" if seen.version else vehicle.flavour.name,
+        )
 
     # --- Station: called by the thread that serves the link ---------------------------------------------
 
@@ -156,7 +197,18 @@ class MavlinkDrone:
         with contextlib.suppress(IndexError):
             while True:
                 self._orders.popleft()(vehicle, now_s)
-        return vehicle.tick(now_s)
+        return [*self._due_poses(vehicle, now_s), *vehicle.tick(now_s)]
+
+    def _due_poses(self, vehicle: Vehicle, now_s: float) -> Iterator[Said]:
+        """Yield the newest pose from outside; none that has waited while the link was blocked."""
+        if not self._poses or self._vision is None:
+            return
+        newest = self._poses.pop()
+        self._poses.clear()
+        pose = self._vision.take(newest) if now_s - newest.stamp_s < STALE_S else None
+        if pose is not None:
+            vehicle.watch.seen_from_outside_s = now_s
+            yield Odometry(pose) if vehicle.flavour.takes_odometry else VisionEstimate(pose)
 
     def due_s(self, now_s: float) -> float:
         return self._vehicle.due_s(now_s) if self._vehicle else math.inf
@@ -170,7 +222,10 @@ class MavlinkDrone:
         flavour = FLAVOURS.get(heartbeat.autopilot)
         if self._vehicle is None and flavour is not None:
             seen = Telemetry(self._spec.id, self._section.origin_m, heartbeat, now_s)
-            self._vehicle = Vehicle(self._spec, flavour, seen, self._section.stream_hz)
+            settings = self._section.settings(sets_origin=flavour.wants_origin)
+            self._vision = VisionPoses(seen.frame) if settings.needs.vision else None
+            self._poses.clear()
+            self._vehicle = Vehicle(self._spec, flavour, seen, settings)
         elif self._vehicle is None:
             self._unknown_autopilot = heartbeat.autopilot
         elif flavour is not self._vehicle.flavour:
@@ -187,10 +242,11 @@ class MavlinkDrone:
                 f"drone {self._spec.id}: system {system} is autopilot type {self._unknown_autopilot}; "
                 "ArduPilot (3) and PX4 (12) can be flown"
             )
+        refused = f"; {self._link.refused} frames were not signed with its key" if self._link.refused else ""
         others = ", ".join(f"{a} component {b}" for a, b in self._link.strangers()) or "none"
         raise LinkLost(
             f"drone {self._spec.id}: no heartbeat of system {system} component {component} on {self._link.url} "
-            f"within {_OPEN_TIMEOUT_S:g} s; other autopilots heard: {others}"
+            f"within {_OPEN_TIMEOUT_S:g} s; other autopilots heard: {others}{refused}"
         )
 
     def _opened(self) -> Vehicle:
@@ -209,5 +265,9 @@ class MavlinkDrone:
 
 def make(drones: Mapping[str, tuple[DroneSpec, MavlinkSection]]) -> dict[str, MavlinkDrone]:
     """Build all drones; those with one url share a link. Opens nothing."""
-    links = {section.url: Link(section.url, RealClock()) for _, section in drones.values()}
+    links = {section.url: Link(section.url, RealClock(), _signing(section)) for _, section in drones.values()}
     return {name: MavlinkDrone(spec, section, links[section.url]) for name, (spec, section) in drones.items()}
+
+
+def _signing(section: MavlinkSection) -> Signing | None:
+    return Signing(section.signing.key_file, section.signing.link) if section.signing else None

@@ -1,6 +1,5 @@
-"""One UDP port and the vehicles behind it.
+"""One wire (UDP port, TCP connection, serial line) and the vehicles behind it.
 
-``udp://host:port`` listens there and answers to where each vehicle sends from; ``udpout://host:port`` sends first.
 Whichever worker thread calls ``serve`` serves all vehicles of the link; that takes the link's one lock, so several
 drones may share a port. A vehicle is known by system, component *and* the address it speaks from.
 """
@@ -15,9 +14,11 @@ from typing import Protocol
 
 from camrig.clock import Clock
 from camrig.errors import LinkLost
-from camrig_drivers.mavlink.codec import Address, Decoder, Encoder
+from camrig_drivers.mavlink.codec import Address, Decoder, Encoder, Seals
 from camrig_drivers.mavlink.packets import Heard, Heartbeat, OwnHeartbeat, Said
-from camrig_drivers.udp import Endpoint, Peer, UdpSocket
+from camrig_drivers.mavlink.signing import Signing
+from camrig_drivers.mavlink.wire import Wire, WireUrl
+from camrig_drivers.udp import Peer
 
 _HEARTBEAT_S = 1.0
 _MOVED_S = 2.5
@@ -58,38 +59,59 @@ class _Seat:
 
 
 class Link:
-    """Builds nothing but itself; the first vehicle that joins opens the socket, the last one closes it."""
+    """Builds nothing but itself; the first vehicle that joins opens the wire, the last one closes it.
 
-    def __init__(self, url: str, clock: Clock) -> None:
+    A wire that fails is closed at once, so that whoever joins next opens it anew.
+    """
+
+    def __init__(self, url: str, clock: Clock, signing: Signing | None = None) -> None:
         self.url = url
-        self._endpoint = Endpoint.parse(url)
+        self._parsed = WireUrl.parse(url)
         self._clock = clock
+        self._signing = signing
         self._door = threading.Lock()
         self._turn = threading.Lock()
-        self._socket: UdpSocket | None = None
+        self._wire: Wire | None = None
+        self._trouble = "it is closed"
         self._seats: dict[Address, _Seat] = {}
         self._strangers: set[Address] = set()
+        self._seals = Seals()
         self._encoder = Encoder()
         self._decoders: dict[Peer, Decoder] = {}
         self._heartbeat_s = 0.0
 
     def join(self, station: Station) -> None:
-        """Take a vehicle in. Raises LinkLost."""
+        """Take a vehicle in. Raises LinkLost, and InputError for a signing key or stamp that is not to be had."""
         with self._my_turn(), self._losing():
-            if self._socket is None:
-                self._socket = UdpSocket(self._endpoint)
-                self._heartbeat_s = self._clock.now_s()
-                self._strangers.clear()
-                self._decoders.clear()
-            self._seats[station.key] = _Seat(station, self._socket.remote)
+            if self._wire is None:
+                self._open()
+            assert self._wire is not None
+            self._seats[station.key] = _Seat(station, self._wire.remote)
+
+    def _open(self) -> None:
+        self._seals = Seals(self._signing)
+        self._encoder = Encoder(self._seals)
+        self._wire = self._parsed.open()
+        self._heartbeat_s = self._clock.now_s()
+        self._strangers.clear()
+        self._decoders.clear()
 
     def leave(self, station: Station) -> None:
         """Forget a vehicle; twice is allowed."""
         with self._my_turn():
             self._seats.pop(station.key, None)
-            if not self._seats and self._socket is not None:
-                self._socket.close()
-                self._socket = None
+            if not self._seats:
+                self._shut("it is closed")
+
+    def _shut(self, trouble: str) -> None:
+        if self._wire is not None:
+            self._wire.close()
+            self._wire, self._trouble = None, trouble
+
+    @property
+    def refused(self) -> int:
+        """How many frames were not signed, or not by the key, since the wire was opened."""
+        return self._seals.refused
 
     def strangers(self) -> list[Address]:
         """Return the autopilots that have been heard and that nobody here drives."""
@@ -101,16 +123,18 @@ class Link:
         """
         deadline_s = self._clock.now_s() + timeout_s
         with self._my_turn(timeout_s) as mine, self._losing():
-            while mine and self._socket is not None:
-                due_s = self._exchange(self._socket)
+            while mine:
+                if self._wire is None:
+                    raise LinkLost(f"{self.url}: {self._trouble}")
+                due_s = self._exchange(self._wire)
                 now_s = self._clock.now_s()
                 if enough() or now_s >= deadline_s:
                     return
-                self._socket.wait(min(due_s, deadline_s) - now_s)
+                self._wire.wait(min(due_s, deadline_s) - now_s)
 
     def wake(self) -> None:
         """Make the thread that serves look for orders now; any thread."""
-        current = self._socket
+        current = self._wire
         if current is not None:
             current.wake()
 
@@ -121,8 +145,8 @@ class Link:
             return
         try:
             with self._losing():
-                if self._socket is not None:
-                    self._exchange(self._socket)
+                if self._wire is not None:
+                    self._exchange(self._wire)
         finally:
             self._turn.release()
 
@@ -142,36 +166,41 @@ class Link:
         try:
             yield
         except OSError as error:
-            raise LinkLost(f"{self.url}: {error.strerror or error}") from error
+            trouble = str(error.strerror or error)
+            self._shut(trouble)
+            raise LinkLost(f"{self.url}: {trouble}") from error
+        except LinkLost as error:
+            self._shut(str(error))
+            raise
 
-    def _exchange(self, udp: UdpSocket) -> float:
+    def _exchange(self, wire: Wire) -> float:
         """Receive all there is, send all that is due; return when more will be."""
-        for peer, data in udp.received():
+        for peer, data in wire.received():
             now_s = self._clock.now_s()
             for address, packet in self._decoder(peer).feed(data):
                 self._route(peer, address, packet, now_s)
         now_s = self._clock.now_s()
-        self._send_heartbeats(udp, now_s)
+        self._send_heartbeats(wire, now_s)
         due_s = self._heartbeat_s
         for seat in self._seats.values():
             if seat.peer is not None:
                 for said in seat.station.speak(now_s):
-                    udp.send(self._encoder.encode(said, seat.station.key), seat.peer)
+                    wire.send(self._encoder.encode(said, seat.station.key), seat.peer)
                 due_s = min(due_s, seat.station.due_s(now_s))
         return due_s
 
-    def _send_heartbeats(self, udp: UdpSocket, now_s: float) -> None:
+    def _send_heartbeats(self, wire: Wire, now_s: float) -> None:
         if now_s < self._heartbeat_s:
             return
         self._heartbeat_s = now_s + _HEARTBEAT_S
         for peer in {seat.peer for seat in self._seats.values() if seat.peer is not None}:
-            udp.send(self._encoder.encode(OwnHeartbeat(), (0, 0)), peer)
+            wire.send(self._encoder.encode(OwnHeartbeat(), (0, 0)), peer)
 
     def _decoder(self, peer: Peer) -> Decoder:
         if peer not in self._decoders:
             if len(self._decoders) >= _MAX_PEERS:
                 del self._decoders[next(iter(self._decoders))]
-            self._decoders[peer] = Decoder()
+            self._decoders[peer] = Decoder(self._seals)
         return self._decoders[peer]
 
     def _route(self, peer: Peer, address: Address, packet: Heard, now_s: float) -> None:

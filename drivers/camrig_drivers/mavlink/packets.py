@@ -5,8 +5,9 @@ Field names, units and numbers are those of MAVLink's common.xml unless a name s
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+
+Triple = tuple[float, float, float]
 
 OWN_SYSTEM, OWN_COMPONENT = 255, 190
 """ArduPilot counts heartbeats of system 255 only (MAV_GCS_SYSID)."""
@@ -48,7 +49,8 @@ class LocalPosition:
     """LOCAL_POSITION_NED (32), relative to the estimator's origin."""
 
     time_boot_ms: int
-    position_ned_m: tuple[float, float, float]
+    position_ned_m: Triple
+    velocity_ned_m_s: Triple = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,17 +62,24 @@ class ExtendedState:
 
 @dataclass(frozen=True, slots=True)
 class SystemStatus:
-    """SYS_STATUS (1): bit masks of MAV_SYS_STATUS_SENSOR."""
+    """SYS_STATUS (1): bit masks of MAV_SYS_STATUS_SENSOR; ``battery`` is the charge left, 0 to 1, where it is known."""
 
     present: int
     enabled: int
     health: int
+    battery: float | None = None
 
     @property
     def prearm_failing(self) -> bool:
         """MAV_SYS_STATUS_PREARM_CHECK is there and not healthy."""
         prearm = 0x10000000
         return bool(self.present & self.enabled & prearm) and not self.health & prearm
+
+    @property
+    def fence_breached(self) -> bool:
+        """MAV_SYS_STATUS_GEOFENCE is in use and not healthy."""
+        fence = 0x100000
+        return bool(self.present & self.enabled & fence) and not self.health & fence
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,15 +106,93 @@ class StatusText:
     chunk: int = 0
 
 
-Heard = Heartbeat | Attitude | LocalPosition | ExtendedState | SystemStatus | CommandAck | StatusText
+@dataclass(frozen=True, slots=True)
+class ParamValue:
+    """PARAM_VALUE (22) as the wire has it; how an integer is squeezed into ``wire`` differs by autopilot."""
+
+    name: str
+    wire: float
+    kind: int
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSync:
+    """TIMESYNC (111), both ways, nanoseconds: ``tc1`` is 0 in a question, ``ts1`` the asker's clock."""
+
+    tc1: int
+    ts1: int
+
+
+@dataclass(frozen=True, slots=True)
+class Estimator:
+    """EKF_STATUS_REPORT (193) or ESTIMATOR_STATUS (230): flags of common meaning, the worst test ratio but yaw's."""
+
+    flags: int
+    worst_ratio: float
+
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """What the estimator does not know, in words."""
+        known = {
+            "attitude": self.flags & 1,
+            "horizontal position": self.flags & (8 | 16),
+            "height": self.flags & (32 | 64),
+        }
+        stands = ("horizontal position (it assumes that it stands still)",) if self.flags & 128 else ()
+        return (*(name for name, told in known.items() if not told), *stands)
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalOrigin:
+    """GPS_GLOBAL_ORIGIN (49): the estimator's origin is set; degrees and metres."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """AUTOPILOT_VERSION (148)."""
+
+    capabilities: int
+    software: int
+
+    @property
+    def takes_local_targets(self) -> bool:
+        """MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED."""
+        return bool(self.capabilities & 128)
+
+    @property
+    def number(self) -> str:
+        """Major, minor and patch."""
+        return ".".join(str(self.software >> shift & 0xFF) for shift in (24, 16, 8))
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalAttitude:
+    """GIMBAL_DEVICE_ATTITUDE_STATUS (285): where the gimbal points; pitch is 0 ahead, -pi/2 down."""
+
+    pitch_rad: float
+
+
+Heard = (
+    Heartbeat
+    | Attitude
+    | LocalPosition
+    | ExtendedState
+    | SystemStatus
+    | CommandAck
+    | StatusText
+    | ParamValue
+    | TimeSync
+    | Estimator
+    | GlobalOrigin
+    | Version
+    | GimbalAttitude
+)
 
 # --- said -----------------------------------------------------------------------------------------------
-
-NAV_LAND = 21
-NAV_TAKEOFF = 22
-DO_SET_MODE = 176
-ARM_DISARM = 400
-SET_MESSAGE_INTERVAL = 511
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,33 +213,53 @@ class Command:
 class PositionTarget:
     """SET_POSITION_TARGET_LOCAL_NED (84), frame 1, position and yaw only."""
 
-    position_ned_m: tuple[float, float, float]
+    position_ned_m: Triple
     yaw_ned_rad: float
 
 
-Said = OwnHeartbeat | Command | PositionTarget
+@dataclass(frozen=True, slots=True)
+class ParamRead:
+    """PARAM_REQUEST_READ (20), by name."""
+
+    name: str
 
 
-def set_mode(main: float, sub: float) -> Command:
-    """DO_SET_MODE to a custom mode, as the flavour spells it."""
-    return Command(DO_SET_MODE, (1.0, main, sub, 0.0, 0.0, 0.0, 0.0))
+@dataclass(frozen=True, slots=True)
+class SetOrigin:
+    """SET_GPS_GLOBAL_ORIGIN (48); never acknowledged."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
 
 
-def arm() -> Command:
-    """Arm, with the autopilot's own checks."""
-    return Command(ARM_DISARM, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+@dataclass(frozen=True, slots=True)
+class ExternalPose:
+    """Where the vehicle is seen from outside; ``stamp_us`` is of the clock that answers TIMESYNC.
+
+    ``rpy_rad`` turn NED into FRD; ``covariance`` has the 21 numbers of the upper triangle, row by row, over
+    x, y, z, roll, pitch, yaw.
+    """
+
+    stamp_us: int
+    position_ned_m: Triple
+    rpy_rad: Triple
+    covariance: tuple[float, ...]
+    reset_counter: int
 
 
-def take_off(height_m: float) -> Command:
-    """NAV_TAKEOFF to a height above the ground (ArduPilot's reading of parameter 7)."""
-    return Command(NAV_TAKEOFF, (0.0, 0.0, 0.0, math.nan, 0.0, 0.0, height_m))
+@dataclass(frozen=True, slots=True)
+class VisionEstimate:
+    """The pose as VISION_POSITION_ESTIMATE (102), which ArduPilot takes."""
+
+    pose: ExternalPose
 
 
-def land() -> Command:
-    """NAV_LAND here, keeping the heading."""
-    return Command(NAV_LAND, (0.0, 0.0, 0.0, math.nan, 0.0, 0.0, 0.0))
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """The pose as ODOMETRY (331), frames LOCAL_NED and BODY_FRD, which PX4 takes."""
+
+    pose: ExternalPose
 
 
-def message_interval(message_id: int, rate_hz: float) -> Command:
-    """Ask for one message at a rate."""
-    return Command(SET_MESSAGE_INTERVAL, (float(message_id), 1e6 / rate_hz, 0.0, 0.0, 0.0, 0.0, 0.0))
+Said = OwnHeartbeat | Command | PositionTarget | TimeSync | ParamRead | SetOrigin | VisionEstimate | Odometry

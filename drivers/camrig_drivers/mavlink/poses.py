@@ -12,7 +12,7 @@ from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pose import transform
 from camrig.geometry.rotation import rotation_exp, rotation_log
 from camrig_drivers.mavlink.boot_clock import BootClock
-from camrig_drivers.mavlink.frames import R_world_body, Vector, world_from_ned
+from camrig_drivers.mavlink.frames import LocalFrame, R_world_body, Vector
 from camrig_drivers.mavlink.packets import Attitude, LocalPosition
 
 _MAX_GAP_S = 0.2
@@ -30,17 +30,16 @@ class StampedPose:
 class PoseTrack:
     """Keeps positions until the attitudes on both sides of them are known."""
 
-    def __init__(self, origin_m: Vector) -> None:
-        self._origin_m = origin_m
-        self._clock = BootClock()
+    def __init__(self, frame: LocalFrame) -> None:
+        self.clock = BootClock()
+        self._frame = frame
         self._attitudes: deque[tuple[float, Array]] = deque(maxlen=32)  # boot time, R_world_body
         self._waiting: deque[tuple[float, Vector]] = deque(maxlen=16)  # boot time, world position
         self._last_stamp_s = float("-inf")
 
     def hear(self, packet: Attitude | LocalPosition, arrival_s: float) -> tuple[list[StampedPose], bool]:
         """Take one message; return the poses it completes, oldest first, and whether the autopilot has rebooted."""
-        boot_s = packet.time_boot_ms / 1e3
-        rebooted = self._clock.update(boot_s, arrival_s)
+        boot_s, rebooted = self.clock.update(packet.time_boot_ms, arrival_s)
         if rebooted:
             self._attitudes.clear()
             self._waiting.clear()
@@ -49,7 +48,7 @@ class PoseTrack:
                 if not self._attitudes or boot_s > self._attitudes[-1][0]:
                     self._attitudes.append((boot_s, R_world_body(roll, pitch, yaw)))
             case LocalPosition(position_ned_m=position):
-                self._waiting.append((boot_s, world_from_ned(position, self._origin_m)))
+                self._waiting.append((boot_s, self._frame.world(position)))
         return self._completed(), rebooted
 
     def _completed(self) -> list[StampedPose]:
@@ -57,7 +56,7 @@ class PoseTrack:
         poses = []
         while self._waiting and self._attitudes and self._waiting[0][0] <= self._attitudes[-1][0]:
             boot_s, position = self._waiting.popleft()
-            R, stamp_s = self._attitude_at(boot_s), self._clock.stamp_s(boot_s)
+            R, stamp_s = self._attitude_at(boot_s), self.clock.stamp_s(boot_s)
             if R is not None and stamp_s > self._last_stamp_s:
                 self._last_stamp_s = stamp_s
                 poses.append(StampedPose(stamp_s, transform(R, np.array(position))))

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from camrig.rig import Box
+from camrig_drivers.mavlink.box import clamped
 from camrig_drivers.mavlink.flavours import Flavour
-from camrig_drivers.mavlink.frames import Vector, ned_from_world, yaw_ned_from_enu
+from camrig_drivers.mavlink.frames import Vector, yaw_ned_from_enu
 from camrig_drivers.mavlink.packets import PositionTarget
+from camrig_drivers.mavlink.telemetry import Telemetry
 
 _LEASH_S = 1.5
 _MIN_LEASH_M = 0.5
@@ -42,53 +45,74 @@ class Ramp:
 
 
 class SetPoints:
-    """When to send which set-point; silent until ``hold`` has given it a point."""
+    """When to send which set-point; silent until ``hold_here`` has given it a point."""
 
-    def __init__(self, flavour: Flavour, speed_m_s: float, origin_m: Vector) -> None:
+    def __init__(self, flavour: Flavour, speed_m_s: float, seen: Telemetry) -> None:
         self._period_s = flavour.set_point_period_s
         self._loss_s = flavour.set_point_loss_s
         self._speed_m_s = speed_m_s
-        self._origin_m = origin_m
+        self._seen = seen
         self._ramp: Ramp | None = None
         self._sent_s: float | None = None
         self.next_s = 0.0
 
-    def hold(self, point_m: Vector, yaw_rad: float, now_s: float) -> None:
-        """Stay at a point, at once."""
-        self._ramp = Ramp(point_m, point_m, yaw_rad, self._speed_m_s)
-        self.next_s = now_s
+    def hold_here(self, now_s: float) -> None:
+        """Aim at the present position, at once; where it is stale, at the set-point that stood last."""
+        point_m = self._position_m(now_s) or self.point_m() or self._seen.position_m
+        if point_m is not None:
+            self._ramp = Ramp(point_m, point_m, self._seen.yaw_rad or 0.0, self._speed_m_s)
+            self.next_s = now_s
 
     def move(self, goal_m: Vector, yaw_rad: float | None = None) -> None:
         """Go on to another goal from where the set-point is now; without ``yaw_rad`` the heading stays."""
         if self._ramp is not None:
             self._ramp = replace(self._ramp, goal_m=goal_m, yaw_rad=self._ramp.yaw_rad if yaw_rad is None else yaw_rad)
 
+    def move_into(self, box_m: Box) -> None:
+        """Go to the point of a box that is nearest to the set-point."""
+        if self._ramp is not None:
+            self.move(clamped(self._ramp.point_m, box_m))
+
     def point_m(self) -> Vector | None:
         """Return the set-point, in the world."""
         return self._ramp.point_m if self._ramp else None
 
-    def run_away(self, position_m: Vector) -> bool:
-        """Whether the vehicle, or its estimate, is implausibly far from its set-point."""
-        ramp = self._ramp
-        return ramp is not None and math.dist(ramp.point_m, position_m) > ramp.leash_m + _RUNAWAY_M
+    def runaway_m(self) -> float:
+        """Return how far the vehicle, or its estimate, is from its set-point where that is implausible; 0 elsewhere."""
+        ramp, position_m = self._ramp, self._seen.position_m
+        if ramp is None or position_m is None:
+            return 0.0
+        gap_m = math.dist(ramp.point_m, position_m)
+        return gap_m if gap_m > ramp.leash_m + _RUNAWAY_M else 0.0
 
-    def gap_s(self, now_s: float) -> float | None:
-        """Return how long the stream has been interrupted, where that is long enough to end the autopilot's mode."""
-        if self._sent_s is None or now_s - self._sent_s <= self._loss_s:
+    def due_if(self, streaming: bool, now_s: float, *, follows: bool = False) -> list[PositionTarget] | None:
+        """Return the set-point if the stream runs and it is due.
+
+        None, and no stream any more, where it was interrupted for so long that the autopilot's mode has ended.
+        ``follows``: the set-point is where the vehicle is, until something else is wanted.
+        """
+        if not streaming:
+            self._sent_s = None
+            return []
+        if self._sent_s is not None and now_s - self._sent_s > self._loss_s:
+            self._sent_s = None
             return None
-        return now_s - self._sent_s
-
-    def pause(self) -> None:
-        """Send nothing; the gap that follows is meant."""
-        self._sent_s = None
-
-    def due(self, now_s: float, position_m: Vector | None) -> list[PositionTarget]:
-        """Return the set-point if it is due; it moves on only where ``position_m`` is known."""
         if self._ramp is None or now_s < self.next_s:
             return []
+        if follows:
+            next_s = self.next_s
+            self.hold_here(now_s)
+            self.next_s = next_s
+        return [self._next(self._ramp, now_s)]
+
+    def _next(self, ramp: Ramp, now_s: float) -> PositionTarget:
+        """Move the set-point on, only where the vehicle's position is known."""
+        position_m = self._position_m(now_s)
         if position_m is not None and self._sent_s is not None:
-            self._ramp = self._ramp.advanced(min(now_s - self._sent_s, _MAX_STEP_S), position_m)
-        self._sent_s = now_s
+            ramp = ramp.advanced(min(now_s - self._sent_s, _MAX_STEP_S), position_m)
+        self._ramp, self._sent_s = ramp, now_s
         self.next_s = max(self.next_s + self._period_s, now_s + self._period_s / 2.0)
-        point_ned_m = ned_from_world(self._ramp.point_m, self._origin_m)
-        return [PositionTarget(point_ned_m, yaw_ned_from_enu(self._ramp.yaw_rad))]
+        return PositionTarget(self._seen.frame.local(ramp.point_m), yaw_ned_from_enu(ramp.yaw_rad))
+
+    def _position_m(self, now_s: float) -> Vector | None:
+        return self._seen.position_m if self._seen.position_fresh(now_s) else None

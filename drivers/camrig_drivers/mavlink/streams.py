@@ -7,14 +7,17 @@ from __future__ import annotations
 
 from collections import Counter
 
+from camrig_drivers.mavlink.commands import message_interval
+from camrig_drivers.mavlink.flavours import Flavour
 from camrig_drivers.mavlink.packets import (
     Attitude,
     Command,
+    Estimator,
     ExtendedState,
+    GimbalAttitude,
     Heard,
     LocalPosition,
     SystemStatus,
-    message_interval,
 )
 
 _WINDOW_S = 2.0
@@ -23,15 +26,18 @@ _ENOUGH = 0.5
 
 
 class Streams:
-    """The four streams of one vehicle."""
+    """The streams of one vehicle."""
 
-    def __init__(self, pose_hz: float) -> None:
+    def __init__(self, flavour: Flavour, pose_hz: float, *, gimbal: bool = False) -> None:
         self._wanted: dict[type[Heard], tuple[int, float]] = {
             Attitude: (30, pose_hz),
             LocalPosition: (32, pose_hz),
             ExtendedState: (245, 5.0),
             SystemStatus: (1, 2.0),
+            Estimator: (flavour.estimator_message, 2.0),
         }
+        if gimbal:
+            self._wanted[GimbalAttitude] = (285, 10.0)
         self._heard: Counter[type[Heard]] = Counter()
         self._next_look_s = float("-inf")
 

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+import math
+from dataclasses import InitVar, dataclass
 
-from camrig_drivers.mavlink.frames import Vector, world_from_ned, yaw_enu_from_ned
+from camrig_drivers.mavlink.frames import LocalFrame, Vector, yaw_enu_from_ned
 from camrig_drivers.mavlink.packets import (
     Attitude,
+    Estimator,
     ExtendedState,
+    GimbalAttitude,
+    GlobalOrigin,
     Heard,
     Heartbeat,
     LocalPosition,
     StatusText,
     SystemStatus,
+    TimeSync,
+    Version,
 )
 from camrig_drivers.mavlink.poses import PoseTrack, StampedPose
 
@@ -24,6 +30,12 @@ FRESH_POSITION_S = 0.5
 _CHUNK = 50
 """A STATUSTEXT of this many characters goes on in the next one of its id."""
 _WARNING = 4
+_JUMP_M = 0.5
+_FASTEST_M_S = 5.0
+"""No drone in a room moves faster; an estimate that does has jumped."""
+_WANDERED_M = 0.15
+"""A height on the ground that is off by more is no noise."""
+_NEVER_S = -1e9
 
 
 @dataclass
@@ -31,18 +43,28 @@ class Telemetry:
     """Newest values, each an immutable object, so that other threads may look at them one at a time."""
 
     drone_id: str
-    origin_m: Vector
+    origin_m: InitVar[Vector]
     heartbeat: Heartbeat
     heartbeat_s: float
     landed_state: int = 0
     system: SystemStatus | None = None
+    version: Version | None = None
+    estimator: Estimator | None = None
+    estimator_s: float = _NEVER_S
+    global_origin: GlobalOrigin | None = None
+    gimbal: GimbalAttitude | None = None
+    gimbal_s: float = _NEVER_S
     position_m: Vector | None = None
-    position_s: float = -1e9
+    position_s: float = _NEVER_S
+    velocity_m_s: Vector = (0.0, 0.0, 0.0)
     yaw_rad: float | None = None
+    jump_m: float = 0.0
+    """How far the last position lay from where the one before and its speed could have led; 0 where it fitted."""
     last_warning: str = ""
 
-    def __post_init__(self) -> None:
-        self._track = PoseTrack(self.origin_m)
+    def __post_init__(self, origin_m: Vector) -> None:
+        self.frame = LocalFrame(origin_m)
+        self._track = PoseTrack(self.frame)
         self._chunks: dict[int, str] = {}
         self._poses: list[StampedPose] = []
 
@@ -57,9 +79,33 @@ class Telemetry:
                 self.system = packet
             case StatusText():
                 self._text(packet)
+            case Estimator():
+                self.estimator, self.estimator_s = packet, now_s
+            case Version():
+                self.version = packet
+            case GlobalOrigin():
+                self.global_origin = packet
+            case GimbalAttitude():
+                self.gimbal, self.gimbal_s = packet, now_s
+            case TimeSync(tc1=theirs_ns, ts1=asked_ns) if theirs_ns:
+                self._track.clock.synchronise(asked_ns / 1e9, theirs_ns / 1e9, now_s)
             case LocalPosition() | Attitude():
                 return self._motion(packet, now_s)
         return False
+
+    @property
+    def synchronised(self) -> bool:
+        """Whether TIMESYNC tells the offset of its clock, and not the shortest delay alone."""
+        return self._track.clock.synchronised
+
+    def level(self, height_m: float) -> None:
+        """Believe the floor on which it stands rather than a height that has wandered since it was switched on."""
+        if self.position_m is None or not self.on_ground:
+            return
+        x, y, z = self.position_m
+        if abs(z - height_m) > _WANDERED_M:
+            self.frame.raise_by(height_m - z)
+            self.position_m = (x, y, height_m)
 
     def take_poses(self) -> list[StampedPose]:
         """Return the poses completed since the last call, oldest first."""
@@ -90,14 +136,25 @@ class Telemetry:
         return now_s - self.position_s <= FRESH_POSITION_S
 
     def _motion(self, packet: LocalPosition | Attitude, now_s: float) -> bool:
-        match packet:
-            case LocalPosition(position_ned_m=position):
-                self.position_m, self.position_s = world_from_ned(position, self.origin_m), now_s
-            case Attitude(yaw_rad=yaw):
-                self.yaw_rad = yaw_enu_from_ned(yaw)
         poses, rebooted = self._track.hear(packet, now_s)
         self._poses += poses
+        match packet:
+            case LocalPosition(position_ned_m=position, velocity_ned_m_s=(north, east, down)):
+                self._place(self.frame.world(position), now_s)
+                self.velocity_m_s = (east, north, -down)
+            case Attitude(yaw_rad=yaw):
+                self.yaw_rad = yaw_enu_from_ned(yaw)
+        if rebooted:
+            self.global_origin = self.version = self.estimator = self.gimbal = None
         return rebooted
+
+    def _place(self, position_m: Vector, now_s: float) -> None:
+        self.jump_m = 0.0
+        if self.position_m is not None:
+            moved_m = math.dist(position_m, self.position_m)
+            possible_m = _JUMP_M + _FASTEST_M_S * (now_s - self.position_s)
+            self.jump_m = moved_m if moved_m > possible_m else 0.0
+        self.position_m, self.position_s = position_m, now_s
 
     def _text(self, packet: StatusText) -> None:
         text = packet.text

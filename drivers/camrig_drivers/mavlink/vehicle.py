@@ -3,37 +3,36 @@
 Every transition is judged by HEARTBEAT, EXTENDED_SYS_STATE and position; an ack can only refuse, for PX4 accepts modes
 that it then does not take. PASSIVE commands nothing: a vehicle found in the air is left alone. When the mode is no
 longer ours (failsafe, pilot), it is disarmed or has rebooted, every state falls back to PASSIVE, and its set-points are
-not resumed: PX4 would follow them at once. Only an operator's ``arm`` takes it over again.
+not resumed: PX4 would follow them at once. Only an operator's ``arm`` or ``resume`` takes it over again.
 """
 
 from __future__ import annotations
 
 import logging
-from collections import deque
 
-import numpy as np
-
-from camrig.messages import DroneReading
 from camrig.rig import DroneSpec
-from camrig_drivers.mavlink import packets
-from camrig_drivers.mavlink.asking import Asking
-from camrig_drivers.mavlink.fitness import clamped
+from camrig_drivers.mavlink import commands
+from camrig_drivers.mavlink.asking import Asking, Errands
+from camrig_drivers.mavlink.box import clamped
 from camrig_drivers.mavlink.flavours import Flavour
 from camrig_drivers.mavlink.frames import Vector
 from camrig_drivers.mavlink.packets import Command, CommandAck, Heard, Heartbeat, LocalPosition, Said
 from camrig_drivers.mavlink.phase import (
-    ENDS_DISARMED,
     IN_OUR_MODE,
     REFUSABLE,
     TAKING_OVER,
+    WATCHED,
     Phase,
-    allowed_modes,
     flight_state,
     set_points_flow,
+    taken_away,
 )
+from camrig_drivers.mavlink.report import Report
+from camrig_drivers.mavlink.section import VehicleSettings
 from camrig_drivers.mavlink.set_points import SetPoints
-from camrig_drivers.mavlink.streams import Streams
 from camrig_drivers.mavlink.telemetry import Telemetry
+from camrig_drivers.mavlink.upkeep import Upkeep
+from camrig_drivers.mavlink.watch import Action, Watch
 
 _log = logging.getLogger(__name__)
 
@@ -42,59 +41,60 @@ _ARM_TIMEOUT_S = 10.0
 _CLIMB_GRACE_S = 15.0
 """Beyond the time that the climb takes at the drone's speed: spooling up and settling."""
 _REACHED_M = 0.25
-_DISARMED_GRACE_S = 2.0
-"""After a stop while arming, the autopilot may still arm; its heartbeat then says so."""
 _IDLE_TICK_S = 0.1
-
-
 _ACCEPTED, _IN_PROGRESS = 0, 5
 
 
 class Vehicle:
     """One autopilot and what we do with it. One thread at a time; others may look at ``phase`` and ``reason``."""
 
-    def __init__(self, spec: DroneSpec, flavour: Flavour, seen: Telemetry, stream_hz: float) -> None:
+    def __init__(self, spec: DroneSpec, flavour: Flavour, seen: Telemetry, settings: VehicleSettings) -> None:
         self.spec = spec
         self.flavour = flavour
         self.seen = seen
+        self.settings = settings
         self.phase = Phase.PASSIVE
         self.reason = ""
-        """Why the last order ended otherwise than ordered."""
-        self.readings: deque[DroneReading] = deque(maxlen=256)
-        self._streams = Streams(stream_hz)
-        self._set_points = SetPoints(flavour, spec.speed_m_s, seen.origin_m)
+        """Why the last order ended otherwise than ordered, or what was done about a fault."""
+        self.watch = Watch(spec, settings.needs)
+        self.errands = Errands()
+        self.upkeep = Upkeep(flavour, seen, settings)
+        self.report = Report(spec, seen, gimbal=settings.gimbal)
+        self._set_points = SetPoints(flavour, spec.speed_m_s, seen)
         self._asking: Asking | None = None
+        self._climbs = False
         self._since_s = 0.0
         self._mode_before = seen.mode
-        sigmas = [spec.position_sigma_m] * 3 + [spec.attitude_sigma_rad] * 3
-        self._covariance = np.diag(np.square(sigmas))
 
     # --- packets in, packets out ------------------------------------------------------------------------
 
     def hear(self, packet: Heard, now_s: float) -> None:
         """Take one packet that arrived at ``now_s``."""
         rebooted = self.seen.hear(packet, now_s)
-        self._streams.hear(packet)
+        self.upkeep.hear(packet, now_s)
         if rebooted:
-            self._streams.restart()
+            self.upkeep.restart()
+            self.errands.clear()
             self._let_go("it has rebooted", now_s)
         match packet:
             case Heartbeat():
                 self._judge(now_s)
             case CommandAck():
+                self.errands.hear(packet)
                 self._heed(packet, now_s)
-            case LocalPosition() if self.phase is Phase.FLYING and self._ran_away():
-                self._give_up("it is implausibly far from its set-point", now_s)
-        flight = flight_state(self.phase, self.flavour, self.seen)
-        for pose in self.seen.take_poses():
-            reading = DroneReading(self.spec.id, pose.stamp_s, pose.T_world_body, self._covariance, flight)
-            self.readings.append(reading)
+            case LocalPosition():
+                self._supervise(now_s)
+        self.report.take(self.seen.take_poses(), flight_state(self.phase, self.flavour, self.seen), now_s)
 
     def tick(self, now_s: float) -> list[Said]:
         """Return what to send now; to be called at ``due_s`` or earlier."""
+        self._supervise(now_s)
         self._step(now_s)
-        commands = self._asking.due(now_s) if self._asking else []
-        return [*self._streams.due(now_s), *commands, *self._due_set_points(now_s)]
+        asked = self._asking.due(now_s) if self._asking else []
+        set_points = self._set_points.due_if(self._streaming(), now_s, follows=self.phase is Phase.ENTERING)
+        if set_points is None:
+            self._let_go("our set-points were interrupted", now_s)
+        return [*asked, *(set_points or []), *self.errands.due(now_s), *self.upkeep.due(now_s)]
 
     def due_s(self, now_s: float) -> float:
         """Return when to call ``tick`` next, at the latest."""
@@ -104,13 +104,19 @@ class Vehicle:
     # --- orders -----------------------------------------------------------------------------------------
 
     def arm(self, now_s: float) -> None:
-        """Take the vehicle over: from the ground arm and climb, in the air hold here and follow ``go_to``."""
-        self.reason = ""
+        """From the ground: take the vehicle over, arm it and climb to the lowest height of its box."""
+        if self.phase not in TAKING_OVER and not self.seen.airborne:
+            if not self.settings.needs.vision:  # poses from outside do not wander
+                self.seen.level(self.settings.floor_m)
+            self._take_over(now_s, climbs=True)
+
+    def resume(self, now_s: float) -> None:
+        """In the air: take the vehicle over where it is, and follow ``go_to``."""
         if self.phase is Phase.HOLDING and self.seen.airborne:
+            self.reason = ""
             self._fly(now_s)
-        elif self.phase not in TAKING_OVER:
-            self._hold_here(now_s)
-            self._go(Phase.ENTERING, now_s, self.flavour.set_mode(self.flavour.ours), 0.5, self.flavour.lead_s)
+        elif self.phase not in TAKING_OVER and self.seen.airborne:
+            self._take_over(now_s, climbs=False)
 
     def go_to(self, goal_m: Vector, yaw_rad: float) -> None:
         """Move the set-point towards a point of the box; nothing unless FLYING (a stop has come between)."""
@@ -121,7 +127,7 @@ class Vehicle:
         """Hold here, in every state in which we command; before lift-off that cancels the take-off."""
         breaking_off = {Phase.ENTERING, Phase.LANDING, Phase.DESCENDING}
         if self.phase in IN_OUR_MODE:
-            self._hold_here(now_s)
+            self._set_points.hold_here(now_s)
             self._go(Phase.HOLDING, now_s)
         elif self.phase in breaking_off and self.seen.airborne:
             self._brake(now_s)
@@ -131,8 +137,7 @@ class Vehicle:
     def land(self, now_s: float) -> None:
         """Land here, from whatever mode it is in."""
         self.reason = ""
-        self._hold_here(now_s)
-        self._go(Phase.LANDING, now_s, packets.land())
+        self._land(now_s)
 
     def release(self, now_s: float) -> None:
         """Leave the vehicle standing where it is without us; a landing goes on. Done when ``phase`` is not BRAKING."""
@@ -144,22 +149,28 @@ class Vehicle:
     # --- transitions ------------------------------------------------------------------------------------
 
     def _go(
-        self,
-        phase: Phase,
-        now_s: float,
-        command: Command | None = None,
-        period_s: float = 1.0,
-        delay_s: float = 0.0,
+        self, phase: Phase, now_s: float, command: Command | None = None, period_s: float = 1.0, delay_s: float = 0.0
     ) -> None:
         """Change the phase; in it, repeat ``command`` until the vehicle shows that it took effect."""
         self.phase, self._since_s, self._mode_before = phase, now_s, self.seen.mode
         self._asking = Asking(command, period_s, now_s + delay_s) if command else None
         _log.info("drone %s: %s", self.spec.id, phase.name.lower())
 
+    def _take_over(self, now_s: float, *, climbs: bool) -> None:
+        self.reason = ""
+        self._climbs = climbs
+        self.watch.begin()
+        self._set_points.hold_here(now_s)
+        self._go(Phase.ENTERING, now_s, self.flavour.set_mode(self.flavour.ours), 0.5, self.flavour.lead_s)
+        if self.settings.gimbal:
+            first = [commands.gimbal_control()] if self.flavour.set_points_must_flow else []
+            self.errands.add(*first, commands.gimbal_pitch(-90.0))
+
     def _let_go(self, reason: str, now_s: float) -> None:
         if self.phase is not Phase.PASSIVE:
             self.reason = self.reason or reason
             _log.warning("drone %s: no longer commanded: %s", self.spec.id, reason)
+            self.errands.clear()
             self._go(Phase.PASSIVE, now_s)
 
     def _give_up(self, reason: str, now_s: float) -> None:
@@ -169,17 +180,28 @@ class Vehicle:
             return
         self.reason = reason
         _log.warning("drone %s: holds: %s", self.spec.id, reason)
-        self._hold_here(now_s)
+        self._set_points.hold_here(now_s)
         self._go(Phase.HOLDING, now_s)
+
+    def _supervise(self, now_s: float) -> None:
+        """Act on the gravest fault."""
+        if self.phase not in WATCHED:
+            return
+        fault = self.watch.gravest(self.seen, now_s, flying=self.phase in {Phase.FLYING, Phase.HOLDING})
+        if fault is not None and fault.action is Action.LAND and self.seen.heartbeat.armed:
+            self.reason = f"{fault.text}: it lands"
+            _log.warning("drone %s: lands: %s", self.spec.id, fault.text)
+            self._land(now_s)
+        elif fault is not None and (self.phase is not Phase.HOLDING or self.seen.jump_m):
+            self._give_up(f"{fault.text}: it holds", now_s)
+        elif self.phase is Phase.FLYING and (gap_m := self._set_points.runaway_m()):
+            self._give_up(f"it is implausibly far from its set-point, {gap_m:.1f} m: it holds", now_s)
 
     def _judge(self, now_s: float) -> None:
         """Let go where a heartbeat shows that somebody else (failsafe, pilot) has taken the vehicle over."""
-        mode, armed = self.seen.mode, self.seen.heartbeat.armed
-        landed = self.phase is Phase.DESCENDING and not armed
-        if mode not in allowed_modes(self.phase, self.flavour, self._mode_before) and not landed:
-            self._let_go(f"its mode has changed to {mode:#x}", now_s)
-        elif self.phase in ENDS_DISARMED and not armed and now_s - self._since_s > _DISARMED_GRACE_S:
-            self._let_go("it has been disarmed", now_s)
+        reason = taken_away(self.phase, self.flavour, self.seen, self._mode_before, now_s - self._since_s)
+        if reason:
+            self._let_go(reason, now_s)
 
     def _heed(self, ack: CommandAck, now_s: float) -> None:
         if ack.command != REFUSABLE.get(self.phase) or not ack.is_for_us:
@@ -188,8 +210,8 @@ class Vehicle:
             if self.phase is Phase.CLIMBING:
                 self._asking = None  # asked again, the take-off would start again
         elif self._asking is not None:
-            said = f": {self.seen.last_warning}" if self.seen.last_warning else ""
-            self._give_up(f"it refuses command {ack.command} with result {ack.result}{said}", now_s)
+            said = self.seen.last_warning or "it gives no reason"
+            self._give_up(f"it refuses command {ack.command} with result {ack.result}: {said}", now_s)
 
     def _step(self, now_s: float) -> None:
         step = {
@@ -200,34 +222,30 @@ class Vehicle:
             Phase.LANDING: self._descend,
             Phase.DESCENDING: self._descend,
         }.get(self.phase)
-        if step is not None:
+        if step:
             step(now_s, now_s - self._since_s)
 
     def _enter(self, now_s: float, elapsed_s: float) -> None:
         if self.seen.mode == self.flavour.ours and elapsed_s >= self.flavour.lead_s:
             if self.seen.airborne:
                 self._fly(now_s)
+            elif self._climbs:
+                self._go(Phase.ARMING, now_s, commands.arm())
             else:
-                self._go(Phase.ARMING, now_s, packets.arm())
+                self._give_up("it has landed", now_s)
         elif elapsed_s > self.flavour.lead_s + _MODE_TIMEOUT_S:
             self._give_up(f"{self.flavour.name} does not take mode {self.flavour.ours:#x}", now_s)
 
     def _wait_for_arming(self, now_s: float, elapsed_s: float) -> None:
-        if self.seen.heartbeat.armed:
-            self._take_off(now_s)
-        elif elapsed_s > _ARM_TIMEOUT_S:
-            self._give_up("it does not arm", now_s)
-
-    def _take_off(self, now_s: float) -> None:
-        here = self.seen.position_m
-        if here is None:
-            return
-        lowest_m = self.spec.box_m[0][2]
-        if self.flavour.set_points_must_flow:
+        here, lowest_m = self.seen.position_m, self.spec.box_m[0][2]
+        if not self.seen.heartbeat.armed or here is None:
+            if elapsed_s > _ARM_TIMEOUT_S:
+                self._give_up("it does not arm", now_s)
+        elif self.flavour.set_points_must_flow:
             self._set_points.move((here[0], here[1], lowest_m))
             self._go(Phase.CLIMBING, now_s)
         else:
-            self._go(Phase.CLIMBING, now_s, packets.take_off(lowest_m - here[2]))
+            self._go(Phase.CLIMBING, now_s, commands.take_off(lowest_m - here[2]))
 
     def _climb(self, now_s: float, elapsed_s: float) -> None:
         lowest_m = self.spec.box_m[0][2]
@@ -243,14 +261,14 @@ class Vehicle:
     def _fly(self, now_s: float) -> None:
         """Follow ``go_to`` from here on; whoever starts outside the box moves inside."""
         if self.phase is not Phase.CLIMBING or not self.flavour.set_points_must_flow:
-            self._hold_here(now_s)
+            self._set_points.hold_here(now_s)
+        if self.flavour.keeps_speed:
+            self.errands.add(*(commands.change_speed(kind, self.spec.speed_m_s) for kind in (1, 2, 3)))
         self._go(Phase.FLYING, now_s)
-        point_m = self._set_points.point_m()
-        if point_m is not None:
-            self._set_points.move(clamped(point_m, self.spec.box_m))
+        self._set_points.move_into(self.spec.box_m)
 
     def _brake(self, now_s: float) -> None:
-        self._hold_here(now_s)
+        self._set_points.hold_here(now_s)
         self._go(Phase.BRAKING, now_s, self.flavour.set_mode(self.flavour.brake), 0.5)
 
     def _wait_for_brake(self, now_s: float, elapsed_s: float) -> None:
@@ -258,10 +276,15 @@ class Vehicle:
             if elapsed_s > _MODE_TIMEOUT_S:
                 self._give_up(f"{self.flavour.name} does not take mode {self.flavour.brake:#x}", now_s)
         elif self.flavour.brake == self.flavour.ours:
-            self._hold_here(now_s)
+            self._set_points.hold_here(now_s)
             self._go(Phase.HOLDING, now_s)
         else:
             self._go(Phase.PASSIVE, now_s)
+
+    def _land(self, now_s: float) -> None:
+        self.errands.clear()
+        self._set_points.hold_here(now_s)
+        self._go(Phase.LANDING, now_s, commands.land(), 0.5)
 
     def _descend(self, now_s: float, _elapsed_s: float) -> None:
         if self.seen.on_ground and not self.seen.heartbeat.armed:
@@ -269,31 +292,5 @@ class Vehicle:
         elif self.phase is Phase.LANDING and self.seen.mode == self.flavour.land:
             self._go(Phase.DESCENDING, now_s)
 
-    # --- set-points -------------------------------------------------------------------------------------
-
     def _streaming(self) -> bool:
         return set_points_flow(self.phase, self.flavour, self.seen.mode)
-
-    def _due_set_points(self, now_s: float) -> list[Said]:
-        if not self._streaming():
-            self._set_points.pause()
-            return []
-        gap_s = self._set_points.gap_s(now_s)
-        if gap_s is not None:
-            self._set_points.pause()
-            self._let_go(f"our set-points were interrupted for {gap_s:.1f} s", now_s)
-            return []
-        if self.phase is Phase.ENTERING:
-            self._hold_here(now_s, self._set_points.next_s)
-        position_m = self.seen.position_m if self.seen.position_fresh(now_s) else None
-        return [*self._set_points.due(now_s, position_m)]
-
-    def _hold_here(self, now_s: float, next_s: float | None = None) -> None:
-        """Aim at the present position; where it is stale, at the set-point that stood last."""
-        seen = self.seen
-        point_m = seen.position_m if seen.position_fresh(now_s) else self._set_points.point_m() or seen.position_m
-        if point_m is not None:
-            self._set_points.hold(point_m, seen.yaw_rad or 0.0, now_s if next_s is None else next_s)
-
-    def _ran_away(self) -> bool:
-        return self.seen.position_m is not None and self._set_points.run_away(self.seen.position_m)

@@ -1,0 +1,144 @@
+"""What can go wrong with a drone in the air that we command, and what is done about it, before its autopilot does.
+
+A fault is acted on in the tick that finds it. HOLD keeps it where it is and takes it from the plans until an operator's
+``resume``; LAND brings it down where it is. Where it cannot be told any more where the drone is, holding is worth no
+more than the estimator's drift: after a second it is landed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+
+from camrig.rig import DroneSpec
+from camrig_drivers.mavlink.telemetry import Telemetry
+
+STALE_S = 0.5
+"""Without a position, or a pose from outside, for so long: hold."""
+LOST_S = 1.5
+"""For so long: land."""
+SICK_S = 0.5
+"""An estimator that says for so long that it does not know: land."""
+LOW_S = 2.0
+"""A battery that is low for so long, not for a burst of thrust: land."""
+MAX_RATIO = 1.0
+"""Innovation test ratio from which an estimator disbelieves its sensors."""
+FRESH_ESTIMATOR_S = 3.0
+OUTSIDE_M = 1.0
+"""So far outside of its box something else flies the drone than its set-points."""
+HASTE_M_S = 0.5
+HASTE_S = 0.3
+DEAF_S = 0.3
+"""A gap between two looks in which this computer stood still: what was not heard in it may have been said."""
+
+
+class Action(IntEnum):
+    """What is done about a fault; the graver, the greater."""
+
+    HOLD = 1
+    LAND = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One thing that is wrong."""
+
+    name: str
+    action: Action
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """What a flight depends on besides the rig: the least battery charge to go on with, 0 to 1, and poses from us."""
+
+    battery: float = 0.2
+    vision: bool = False
+
+
+class Watch:
+    """Looks at one drone that we command."""
+
+    def __init__(self, spec: DroneSpec, needs: Needs) -> None:
+        self._spec = spec
+        self._needs = needs
+        self._since_s: dict[str, float] = {}
+        self._looked_s = self._listening_s = float("-inf")
+        self.seen_from_outside_s = float("-inf")
+        """When a pose from outside was sent last."""
+
+    def begin(self) -> None:
+        """Forget for how long anything has lasted: a flight begins."""
+        self._since_s.clear()
+
+    def gravest(self, seen: Telemetry, now_s: float, *, flying: bool) -> Fault | None:
+        """Return the fault that asks for most."""
+        return max(self.faults(seen, now_s, flying=flying), key=lambda fault: fault.action, default=None)
+
+    def faults(self, seen: Telemetry, now_s: float, *, flying: bool) -> Iterator[Fault]:
+        """Yield all that is wrong now; to be asked at every tick, for some of it must last a while.
+
+        ``flying``: it has come to its box.
+        """
+        if now_s - self._looked_s > DEAF_S:
+            self._listening_s = now_s
+        self._looked_s = now_s
+        yield from self._stale("position", seen.position_s, now_s, "no position from the autopilot")
+        if self._needs.vision:
+            text = "its camera has given it no pose by anchors"
+            yield from self._stale("vision", self.seen_from_outside_s, now_s, text)
+        yield from self._estimate(seen, now_s)
+        if flying:
+            yield from self._motion(seen, now_s)
+        battery = seen.system.battery if seen.system else None
+        low = battery is not None and battery < self._needs.battery
+        if self._lasts("battery", LOW_S, now_s, holds=low):
+            yield Fault("battery", Action.LAND, f"battery at {100.0 * (battery or 0.0):.0f} %")
+        if seen.system is not None and seen.system.fence_breached:
+            yield Fault("fence", Action.HOLD, "it says that it has left its own fence")
+
+    def _estimate(self, seen: Telemetry, now_s: float) -> Iterator[Fault]:
+        trouble = estimator_trouble(seen, now_s)
+        if self._lasts("estimator", SICK_S, now_s, holds=bool(trouble)):
+            yield Fault("estimator", Action.LAND, trouble)
+        if seen.jump_m:
+            yield Fault("jump", Action.HOLD, f"its position jumped by {seen.jump_m:.1f} m")
+
+    def _motion(self, seen: Telemetry, now_s: float) -> Iterator[Fault]:
+        if seen.position_m is not None:
+            sides = zip(*self._spec.box_m, seen.position_m, strict=True)
+            outside_m = max(max(low - value, value - high) for low, high, value in sides)
+            if outside_m > OUTSIDE_M:
+                yield Fault("box", Action.LAND, f"it is {outside_m:.1f} m outside its box")
+        speed_m_s = math.hypot(*seen.velocity_m_s)
+        fast = speed_m_s > 2.0 * self._spec.speed_m_s + HASTE_M_S
+        if self._lasts("haste", HASTE_S, now_s, holds=fast):
+            yield Fault(
+                "haste", Action.HOLD, f"it flies at {speed_m_s:.1f} m/s, {self._spec.speed_m_s:g} m/s is allowed"
+            )
+
+    def _stale(self, name: str, heard_s: float, now_s: float, text: str) -> Iterator[Fault]:
+        """Yield a fault where nothing was heard for too long while we listened."""
+        age_s = now_s - max(heard_s, self._listening_s)
+        if age_s > STALE_S:
+            action = Action.LAND if age_s > LOST_S else Action.HOLD
+            yield Fault(name, action, f"{text} for {age_s:.1f} s")
+
+    def _lasts(self, name: str, duration_s: float, now_s: float, *, holds: bool) -> bool:
+        if not holds:
+            self._since_s.pop(name, None)
+            return False
+        return now_s - self._since_s.setdefault(name, now_s) >= duration_s
+
+
+def estimator_trouble(seen: Telemetry, now_s: float) -> str:
+    """Return what is wrong with the autopilot's estimator by its own word; empty where it says nothing of the kind."""
+    if seen.estimator is None or now_s - seen.estimator_s > FRESH_ESTIMATOR_S:
+        return ""
+    if seen.estimator.lacks:
+        return f"its estimator has no {', no '.join(seen.estimator.lacks)}"
+    if seen.estimator.worst_ratio > MAX_RATIO:
+        return f"its estimator disbelieves its sensors (test ratio {seen.estimator.worst_ratio:.1f})"
+    return ""
