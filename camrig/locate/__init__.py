@@ -1,5 +1,6 @@
 """Tag detections and the camera's pose at the frame's stamp give sightings of targets, with covariance. Pure."""
 
+from camrig.locate.body_pose import body_pose, navigates_by
 from camrig.locate.camera_pose import camera_pose
 from camrig.locate.history import AxisHistory, DroneHistory, HeadHistory, HeadState, Histories
 from camrig.locate.one_frame import Located, locate
@@ -11,6 +12,8 @@ __all__ = [
     "HeadState",
     "Histories",
     "Located",
+    "body_pose",
     "camera_pose",
     "locate",
+    "navigates_by",
 ]

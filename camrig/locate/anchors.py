@@ -5,7 +5,7 @@ The unknown of the fit is ``T_camera_world``, so anchors are one big body and ``
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,11 +51,17 @@ def correct(prior: CameraPose, anchors: Sequence[SeenTag]) -> Corrected:
     return Corrected(prior, _missing(anchors, fitting))
 
 
-def from_anchors_alone(camera_id: str, stamp_s: float, anchors: Sequence[SeenTag]) -> Corrected:
-    """Return the pose of a camera of which nothing is known beforehand; None where two poses fit equally well."""
+Belief = Callable[[Sequence[Transform]], PosePrior]
+"""What is known of a camera's tilt alone: the prior of each ``T_camera_world`` from which a fit starts."""
+
+
+def from_anchors_alone(
+    camera_id: str, stamp_s: float, anchors: Sequence[SeenTag], belief: Belief | None = None
+) -> Corrected:
+    """Return the pose of a camera of whose place nothing is known beforehand; None where two poses fit equally well."""
     fitting = list(anchors)
     while fitting and (starts := _starts(fitting)):
-        fit = _fit(np.stack(starts), fitting, None)
+        fit = _fit(np.stack(starts), fitting, belief(starts) if belief is not None else None)
         best = int(np.argmin(fit.chi2))
         worst = _worst(fit.T_camera_body[best], fitting)
         if worst is None:

@@ -9,14 +9,15 @@ import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pose import invert
-from camrig.locate.anchors import Corrected, correct, from_anchors_alone
+from camrig.locate.anchors import correct, from_anchors_alone
+from camrig.locate.body_pose import hovering, navigates_by
 from camrig.locate.camera_pose import camera_pose
 from camrig.locate.head_angles import head_angles
 from camrig.locate.history import Histories
 from camrig.locate.sightings import seen_bodies, solve
 from camrig.locate.tags import SeenTag, owners, undistorted, without_repeats
 from camrig.messages import AxisReading, CameraPose, Event, Level, Sighting, TagDetection, TagDetections
-from camrig.rig import CameraSpec, HeadMount, Rig
+from camrig.rig import CameraSpec, DroneMount, HeadMount, Rig
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +50,11 @@ def locate(detections: TagDetections, histories: Histories, rig: Rig, priors: Ma
         return Located(None, (), unlisted, (_warning(detections, camera.id, text),))
     tags = undistorted(camera.lens, [(tag, known[tag.key]) for tag in detections.tags if tag.key in known])
     carried = camera_pose(camera, rig, histories, detections.stamp_s)
-    found, notes = _with_anchors(detections, camera, carried, [tag for tag in tags if tag.owner.target_id is None])
+    anchors = [tag for tag in tags if tag.owner.target_id is None]
+    made_of_anchors = navigates_by(camera.id, rig) is not None  # its telemetry: one or the other, then
+    found, notes = _with_anchors(detections, camera, None if made_of_anchors else carried, anchors)
+    if made_of_anchors:
+        found = found or carried
     if found is None:
         return Located(None, (), unlisted, notes)
     own = [tag for tag in tags if tag.owner.target_id is not None]
@@ -80,9 +85,11 @@ def _with_anchors(
     notes = [_warning(detections, str(key), f"anchor more than once in the picture of {camera.id}") for key in repeated]
     if not single:
         return carried, tuple(notes)
-    found: Corrected = (
-        from_anchors_alone(camera.id, detections.stamp_s, single) if carried is None else correct(carried, single)
-    )
+    if carried is None:
+        belief = hovering(camera.mount) if isinstance(camera.mount, DroneMount) else None
+        found = from_anchors_alone(camera.id, detections.stamp_s, single, belief)
+    else:
+        found = correct(carried, single)
     notes += [
         _warning(detections, str(key), f"anchor is not where {camera.id} should see it: not used")
         for key in found.misplaced

@@ -27,6 +27,8 @@ class CameraJob:
     clock: Clock
     detections: Mailbox[TagDetections] = field(default_factory=lambda: Mailbox(4))
     expected: Mailbox[Expected] = field(default_factory=lambda: Mailbox(1))
+    told: Callable[[TagDetections], None] | None = None
+    """Gets what was found at once, in this thread: who navigates by it cannot wait for the pipeline."""
     notes: Mailbox[Event] = field(default_factory=lambda: Mailbox(4))
     frames: int = 0
     whole_frames: int = 0
@@ -50,6 +52,8 @@ class CameraJob:
         self.frames += 1
         self.whole_frames += found.whole
         self.detect_s += found.detect_s
+        if self.told is not None:
+            self.told(found)
         self.detections.put(found)
 
     def _tell(self, frame: Frame) -> None:

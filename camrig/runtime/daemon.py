@@ -18,7 +18,7 @@ from camrig.pipeline import Settings
 from camrig.runtime.build import make_detector, make_devices, make_sinks
 from camrig.runtime.camera_job import CameraJob
 from camrig.runtime.control import TICK_S, Control, Devices
-from camrig.runtime.drone_job import DroneJob
+from camrig.runtime.drone_job import DroneJob, pilot
 from camrig.runtime.guardian_link import GuardianLink
 from camrig.runtime.head_job import HeadJob
 from camrig.runtime.mailbox import Mailbox
@@ -179,7 +179,7 @@ class Daemon:
         return ended
 
     def hold(self) -> Mapping[str, str]:
-        """Stop every head and hold every drone, until ``resume`` or ``arm``; return what failed. Any thread."""
+        """Stop every head and hold every drone, until ``resume``; return what failed. Any thread."""
         return self._halt(self._actuators())
 
     def _actuators(self) -> list[HeadJob | DroneJob]:
@@ -195,10 +195,11 @@ class Daemon:
                 failed[job.name] = str(error)
         return failed
 
-    def resume(self, heads: Collection[str]) -> None:
-        """Operator's order: these heads may move; any thread."""
-        for name in heads:
-            self.devices.heads[name].resume()
+    def resume(self, devices: Collection[str]) -> None:
+        """Operator's order: these heads may move, these drones follow plans from where they are; any thread."""
+        for job in self._actuators():
+            if job.name in devices:
+                job.resume()
 
     def aim(self, head: str, aim: HeadAim) -> None:
         """Operator's order: this head goes there and no plan moves it before ``resume``; any thread."""
@@ -231,6 +232,8 @@ class Daemon:
             now_s=self.clock.now_s(),
             aimed={name: aim for name, job in heads.items() if (aim := job.aimed) is not None},
             statistics=self._statistics(),
+            health={name: job.health for name, job in self.devices.drones.items() if job.health is not None},
+            flown=frozenset(name for name, job in self.devices.drones.items() if job.follows_plans),
         )
 
     def _statistics(self) -> dict[str, Mapping[str, float]]:
@@ -282,14 +285,15 @@ class Daemon:
     def _build(self, guardian: GuardianLink) -> Devices:
         config, clock = self.config, self.clock
         detector = partial(make_detector, config)
+        drones = {name: DroneJob(name, drone, clock) for name, drone in make_devices(config, "drones").items()}
         return Devices(
             cameras={
-                name: CameraJob(name, camera, detector, clock)
+                name: CameraJob(name, camera, detector, clock, told=pilot(name, config.rig, drones))
                 for name, camera in make_devices(config, "cameras").items()
             },
             heads={
                 name: HeadJob(name, head, guardian, config.rig.heads[name].auto_enable and name not in self.held)
                 for name, head in make_devices(config, "heads").items()
             },
-            drones={name: DroneJob(name, drone, clock) for name, drone in make_devices(config, "drones").items()},
+            drones=drones,
         )

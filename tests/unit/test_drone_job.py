@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import pytest
 
 from camrig.clock import ManualClock
-from camrig.errors import HardwareError, LinkLost
-from camrig.messages import DroneAim, FlightState
+from camrig.errors import HardwareError, LinkLost, NotEnabledError
+from camrig.messages import DroneAim, DroneHealth, FlightState
 from camrig.runtime.drone_job import DroneJob
 from camrig_emulators.fakes import FakeDrone
 from tests.runtime_parts import in_a_thread, nothing
@@ -73,7 +73,7 @@ def test_landing_drops_the_hover_point_that_waits(
     assert fake_drone.commands == []
 
 
-def test_a_drone_that_was_stopped_takes_no_hover_point_until_it_is_armed_again(
+def test_a_drone_that_was_stopped_takes_no_hover_point_until_it_is_resumed(
     flyer: DroneJob, fake_drone: FakeDrone, manual_clock: ManualClock
 ) -> None:
     flying(flyer, manual_clock).commands.put(HOVER)
@@ -82,7 +82,7 @@ def test_a_drone_that_was_stopped_takes_no_hover_point_until_it_is_armed_again(
     flyer.commands.put(HOVER)
     flyer.turn()
     assert fake_drone.commands == []
-    flyer.arm()
+    flyer.resume()
     flyer.turn()
     flyer.commands.put(HOVER)
     flyer.turn()
@@ -111,6 +111,9 @@ class Arming:
         if self.error is not None:
             raise self.error
         self.drone.arm()
+
+    def resume(self) -> None:
+        self.drone.resume()
 
     def open(self) -> None:
         self.drone.open()
@@ -194,3 +197,75 @@ def test_what_was_in_the_air_when_its_link_was_lost_is_not_taken_to_have_landed(
     manual_clock.advance(30.0)
     flyer.turn()
     assert flyer.flight is FlightState.GROUND
+
+
+@dataclass
+class Ailing:
+    """A drone that tells how it is; a test says how."""
+
+    drone: FakeDrone
+    told: DroneHealth = field(default_factory=lambda: DroneHealth("passive", obeys=False))
+
+    def health(self) -> DroneHealth:
+        return self.told
+
+    def arm(self) -> None:
+        self.told = DroneHealth("climbing", obeys=False, begins=True)
+
+    def resume(self) -> None:
+        self.told = DroneHealth("flying", obeys=True)
+
+    def open(self) -> None:
+        self.drone.open()
+
+    def go_to(self, position_m: tuple[float, float, float], yaw_rad: float) -> None:
+        raise NotEnabledError("not now")
+
+    def land(self) -> None:
+        self.told = DroneHealth("landing", obeys=False)
+
+    def read(self, timeout_s: float) -> tuple[()]:
+        return ()
+
+    def stop(self) -> None:
+        self.told = DroneHealth("holding", obeys=False)
+
+    def close(self) -> None:
+        self.told = DroneHealth("passive", obeys=False)
+
+
+def test_a_sick_drone_leaves_the_plans_in_the_turn_that_finds_it(
+    fake_drone: FakeDrone, manual_clock: ManualClock
+) -> None:
+    drone = Ailing(fake_drone)
+    job = DroneJob("d1", drone, manual_clock)
+    job.turn()
+    job.arm()
+    job.turn()
+    assert not job.follows_plans  # it climbs
+    drone.told = DroneHealth("flying", obeys=True)
+    job.turn()
+    assert job.follows_plans
+    drone.told = DroneHealth("holding", obeys=False, reason="its position jumped by 1.0 m: it holds")
+    job.commands.put(HOVER)
+    job.turn()
+    assert not job.follows_plans
+    (event,) = job.refusals.take_all()
+    assert event.text == "left out of plans until `camrig resume d1`: its position jumped by 1.0 m: it holds"
+    job.turn()
+    assert job.refusals.take_all() == ()
+    job.resume()
+    job.turn()
+    assert job.follows_plans
+
+
+def test_a_take_off_that_comes_to_nothing_is_told(fake_drone: FakeDrone, manual_clock: ManualClock) -> None:
+    drone = Ailing(fake_drone)
+    job = DroneJob("d1", drone, manual_clock)
+    job.turn()
+    job.arm()
+    job.turn()
+    drone.told = DroneHealth("passive", obeys=False, reason="it refuses command 400 with result 4: battery low")
+    job.turn()
+    assert not job.enabled
+    assert "it refuses command 400" in job.refusals.take_all()[0].text
