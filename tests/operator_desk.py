@@ -14,6 +14,7 @@ from camrig.geometry.pan_tilt import PanTilt
 from camrig.interfaces import Published
 from camrig.messages import (
     AxisReading,
+    DroneHealth,
     Event,
     FlightState,
     HeadAim,
@@ -68,6 +69,7 @@ class Desk:
     enabled: frozenset[str] = frozenset({"pt1"})
     aimed: dict[str, HeadAim] = field(default_factory=dict)
     statistics: dict[str, dict[str, float]] = field(default_factory=dict)
+    health: dict[str, DroneHealth] = field(default_factory=dict)
     now_s: float = 0.0
     done: list[tuple[str, tuple[str, ...]]] = field(default_factory=list)
     failing: Mapping[str, str] = field(default_factory=dict)
@@ -95,15 +97,27 @@ class Desk:
     def view(self) -> View:
         delivered, aimed = dict(self.delivered), dict(self.aimed)
         return View(
-            self.rig, self.state, self.targets, delivered, self.enabled, self.now_s, aimed, dict(self.statistics)
+            self.rig,
+            self.state,
+            self.targets,
+            delivered,
+            self.enabled,
+            self.now_s,
+            aimed,
+            dict(self.statistics),
+            dict(self.health),
+            frozenset(name for name, health in self.health.items() if health.obeys),
         )
 
     def hold(self) -> Mapping[str, str]:
         self.done.append(("hold", ()))
         return self.failing
 
-    def resume(self, heads: Collection[str]) -> None:
-        self.done.append(("resume", tuple(heads)))
+    def resume(self, devices: Collection[str]) -> None:
+        self.done.append(("resume", tuple(devices)))
+        for name in devices:
+            if name in self.rig.drones:
+                self.health[name] = DroneHealth("flying", obeys=True)
 
     def aim(self, head: str, aim: HeadAim) -> None:
         self.done.append(("aim", (head,)))

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from camrig.cli.console import results
-from camrig.cli.operating import DroneArgument, RigOption, SocketOption, order_flight, socket_of
+from camrig.cli.operating import DroneArgument, RigOption, SocketOption, check_fit, order_flight, socket_of
 from camrig.errors import InputError
 from camrig.messages import FlightState
 
@@ -19,8 +19,13 @@ def arm(
     rig: RigOption = None,
     socket: SocketOption = None,
 ) -> None:
-    """Check a drone, arm it and let it climb to the lowest height of its box; in the air, let it follow plans again."""
+    """Check a drone, arm it and let it climb to the lowest height of its box, where it follows plans.
+
+    Where it is not fit, every reason is named with its cure, and nothing is armed. `camrig status` shows them before.
+    In the air it is `camrig resume` that lets a drone follow plans again. `camrig takeoff` is the same order.
+    """
     path = socket_of(rig, socket)
+    check_fit(path, drone)
     if not yes:
         _ask_person(drone)
     flight = order_flight(path, "arm", drone, {FlightState.TAKING_OFF, FlightState.FLYING})

@@ -129,12 +129,18 @@ def _wait_until_ready(daemon: Daemon, world: World, name: str, score_from_s: flo
             _turn(daemon, world, live, f"{name}: getting ready")
             for drone, flight in daemon.control.state.flight.items():
                 # The demo is the operator of its own emulated drones.
-                if flight is FlightState.GROUND and drone not in armed:
+                if flight is FlightState.GROUND and drone not in armed and _fit(daemon, drone):
                     daemon.arm(drone)
                     armed.add(drone)
             if daemon.clock.now_s() > deadline_s:
                 waited = f"{READY_TIMEOUT_S:.0f} s"
                 raise HardwareError(f"the emulated rig was not ready within {waited}: {daemon.status_line()}")
+
+
+def _fit(daemon: Daemon, drone: str) -> bool:
+    """Tell whether a drone has told all that must be known before it may be armed, and may be."""
+    health = daemon.devices.drones[drone].health
+    return health is None or not health.unfit
 
 
 def _ready(daemon: Daemon, world: World, score_from_s: float | None) -> bool:

@@ -7,7 +7,7 @@ from camrig.cli.operating import RigOption, SocketOption, names, order
 
 
 def hold(rig: RigOption = None, socket: SocketOption = None) -> None:
-    """Stop every head and hold every drone of a running rig; they stay so until `resume` or `arm`."""
+    """Stop every head and hold every drone of a running rig; they stay so until `resume`."""
     answer = order(rig, socket, "hold")
     text = f"heads stopped: {names(answer, 'heads')}; drones told to hold: {names(answer, 'drones')}"
     results.print(text, markup=False, highlight=False)

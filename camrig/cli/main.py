@@ -30,6 +30,7 @@ _COMMANDS = (
     "resume",
     "aim",
     "arm",
+    "takeoff",
     "land",
     "scan",
     "install-service",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -37,15 +37,28 @@ def order(rig: str | None, socket: Path | None, command: str, **parameters: obje
     return ask(socket_of(rig, socket), {"command": command, **parameters})
 
 
+def check_fit(path: Path, drone: str) -> None:
+    """Raise HardwareError with all reasons where a drone that the daemon knows is not fit to be armed or resumed."""
+    told = part(part(ask(path, {"command": "status"}), "drones"), drone)
+    unfit = told.get("unfit")
+    if isinstance(unfit, list) and unfit:
+        raise HardwareError(f"{drone} is not fit to fly: {'; '.join(map(str, unfit))}")
+
+
 def order_flight(path: Path, command: str, drone: str, wanted: Collection[FlightState]) -> str:
-    """Send a drone's order and return the flight state in which it begins to obey.
+    """Send a drone's order and return the flight state in which it begins to obey; raises as ``watch_drone``."""
+    began_s = RealClock().now_s()
+    ask(path, {"command": command, "drone": drone})
+    return str(watch_drone(path, began_s, command, drone, lambda told: told.get("flight") in wanted).get("flight"))
+
+
+def watch_drone(path: Path, began_s: float, command: str, drone: str, obeys: Callable[[Answer], bool]) -> Answer:
+    """Return a drone's status once it obeys a command that was sent at ``began_s``.
 
     The daemon answers before the drone does, so its status is watched; raises HardwareError with the reason where the
     order is refused or nothing comes of it.
     """
     clock: Clock = RealClock()
-    began_s = clock.now_s()
-    ask(path, {"command": command, "drone": drone})
     clock.sleep_s(_FIRST_LOOK_S)  # a refusal comes by itself; a drone in the air looks obedient before it
     while True:
         status = ask(path, {"command": "status"})
@@ -53,11 +66,12 @@ def order_flight(path: Path, command: str, drone: str, wanted: Collection[Flight
         for stamp_s, text in said:
             if stamp_s >= began_s:
                 raise HardwareError(f"{drone}: {text}")
-        flight = part(part(status, "drones"), drone).get("flight")
-        if flight in wanted:
-            return str(flight)
+        told = part(part(status, "drones"), drone)
+        if obeys(told):
+            return told
         if clock.now_s() > began_s + FLIGHT_TIMEOUT_S:
             last = f"; the last that was said of it: {said[-1][1]}" if said else ""
+            flight = told.get("flight")
             raise HardwareError(f"{drone} does not obey: {flight} {FLIGHT_TIMEOUT_S:g} s after '{command}'{last}")
         clock.sleep_s(_LOOK_S)
 

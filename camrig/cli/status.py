@@ -14,6 +14,7 @@ from camrig.cli.operating import Answer, RigOption, SocketOption, names, order, 
 
 EVENTS_SHOWN = 5
 _CONTROLS = {"planner": "enabled", "operator": "aimed by an operator", "held": "held"}
+_CONTROLS_OF_DRONES = {"planner": "follows plans", "held": "held", "nobody": "not commanded"}
 _UNITS_S = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"))
 _COLOURS = {"up": "green", "tracked": "green", "lost": "red", "unseen": "yellow", "closed": "yellow"}
 
@@ -30,6 +31,8 @@ def status(
         return
     results.print(_headline(answer), highlight=False)
     results.print(_targets(answer), _devices(answer))
+    for line in _troubles(part(answer, "drones")):
+        results.print(line, highlight=False)
     for event in parts(answer, "events")[-EVENTS_SHOWN:]:
         about, text = escape(str(event.get("about"))), escape(str(event.get("text")))
         results.print(f"[dim]{_seconds(event.get('age_s'))} ago[/dim] {about}: {text}", highlight=False)
@@ -65,7 +68,7 @@ def _devices(answer: Answer) -> Table:
         devices = part(answer, kind)
         for name in devices:
             device = part(devices, name)
-            state, reason = ", ".join(_state(device)), escape(str(device.get("reason")))
+            state, reason = ", ".join(filter(None, _state(device))), escape(str(device.get("reason")))
             lost = f"{_counted(device, 'losses'):.0f}" if _counted(device, "losses") else ""
             counts = (_lasting(device.get("since_s")), lost, _answered(device))
             table.add_row(escape(name), _coloured(device.get("link")), state, *counts, reason)
@@ -82,6 +85,20 @@ def _state(device: Answer) -> Iterator[str]:
     yield from (f"{value:.0f} Hz" for value in _numbers(device, "answers_hz"))
     if "flight" in device:
         yield str(device["flight"])
+        yield _CONTROLS_OF_DRONES.get(str(device.get("control")), "")
+        yield from (f"battery {value:.0f} %" for value in _numbers(device, "battery_percent"))
+        if "fit" in device:
+            yield "fit to fly" if device["fit"] else "not fit to fly"
+
+
+def _troubles(drones: Answer) -> Iterator[str]:
+    """Yield a line for every reason why a drone would not be armed or resumed now, and for what should be otherwise."""
+    for name in drones:
+        drone = part(drones, name)
+        for key, colour, what in (("said", "yellow", ""), ("unfit", "red", "not fit: "), ("advice", "dim", "better: ")):
+            found = drone.get(key)
+            for text in found if isinstance(found, list) else [found] if found else []:
+                yield f"[{colour}]{escape(f'{name}: {what}{text}')}[/{colour}]"
 
 
 def _answered(device: Answer) -> str:

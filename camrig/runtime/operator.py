@@ -1,7 +1,7 @@
 """The operator's commands: one handler for all of them, whichever way they come in.
 
-A request is an object ``{"command": "hold"}``; ``resume`` may name ``heads``, ``arm`` and ``land`` name a ``drone``,
-``aim`` a ``head`` and its ``pan_deg``, its ``tilt_deg`` or both.
+A request is an object ``{"command": "hold"}``; ``resume`` may name ``heads`` and ``drones``, ``arm`` and ``land`` name
+a ``drone``, ``aim`` a ``head`` and its ``pan_deg``, its ``tilt_deg`` or both.
 The answer is ``{"ok": true, ...}`` or ``{"ok": false, "error": <a sentence>, "exit_code": <of camrig.errors>}``.
 """
 
@@ -16,9 +16,11 @@ from typing import Annotated, Literal, Protocol
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from camrig.errors import CamrigError, HardwareError, InputError, PartialError
-from camrig.messages import HeadAim, LinkStatus
+from camrig.locate import DroneHistory
+from camrig.messages import FlightState, HeadAim, LinkStatus
 from camrig.runtime.operator_aim import operator_aim
 from camrig.runtime.operator_status import RecentEvents, View, status_of
+from camrig.steer import take_off_obstacle
 
 log = logging.getLogger(__name__)
 
@@ -36,11 +38,11 @@ class Orders(Protocol):
         ...
 
     def hold(self) -> Mapping[str, str]:
-        """Stop every head and hold every drone until ``resume`` or ``arm``; return what failed, by device."""
+        """Stop every head and hold every drone until ``resume``; return what failed, by device."""
         ...
 
-    def resume(self, heads: Collection[str]) -> None:
-        """Let these heads move."""
+    def resume(self, devices: Collection[str]) -> None:
+        """Let these heads move, and these drones, which are in the air, follow plans."""
         ...
 
     def aim(self, head: str, aim: HeadAim) -> None:
@@ -80,10 +82,11 @@ class Hold(_Request):
 
 
 class Resume(_Request):
-    """Let heads move; none named = all."""
+    """Let heads move, and drones in the air follow plans; none named = all heads. Drones are always named."""
 
     command: Literal["resume"]
     heads: Annotated[tuple[Id, ...], Field(max_length=256)] = ()
+    drones: Annotated[tuple[Id, ...], Field(max_length=256)] = ()
 
 
 class Aim(_Request):
@@ -96,7 +99,7 @@ class Aim(_Request):
 
 
 class Arm(_Request):
-    """Arm a drone and let it climb; in the air: let it follow plans again."""
+    """Arm a drone and let it climb."""
 
     command: Literal["arm"]
     drone: Id
@@ -159,12 +162,13 @@ class Operator:
                 return status_of(view, self._rates_hz(view), self.events.latest)
             case Hold():
                 return self._hold()
-            case Resume(heads=heads):
-                return self._resume(heads)
+            case Resume():
+                return self._resume(request)
             case Aim():
                 return self._aim(request)
             case Arm(drone=drone):
                 self._reach_drone(drone)
+                self._check_room(drone)
                 self.orders.arm(drone)
             case Land(drone=drone):
                 self._reach_drone(drone)
@@ -180,18 +184,22 @@ class Operator:
         unreached = {**_unreached(view, (*rig.heads, *rig.drones)), **failed}
         if unreached:
             reasons = "; ".join(f"{name}: {reason}" for name, reason in sorted(unreached.items()))
-            raise PartialError(f"no stop reached {reasons} (none of them is moved again before resume or arm)")
+            raise PartialError(f"no stop reached {reasons} (none of them is moved again before resume)")
         return {"heads": sorted(rig.heads), "drones": sorted(rig.drones)}
 
-    def _resume(self, named: Collection[str]) -> Answer:
+    def _resume(self, request: Resume) -> Answer:
         view = self.orders.view()
-        for name in named:
-            _check_known(view.rig.name, "head", name, view.rig.heads)
-        heads = tuple(sorted(named or view.rig.heads))
-        if not heads:
-            raise InputError(f"rig '{view.rig.name}' has no heads to resume; a drone is resumed by arm")
-        self.orders.resume(heads)
-        return {"heads": list(heads), "unreached": _unreached(view, heads)}
+        rig = view.rig
+        for name in request.heads:
+            _check_known(rig.name, "head", name, rig.heads)
+        for name in request.drones:
+            self._reach_drone(name)
+        heads = tuple(sorted(request.heads or (() if request.drones else rig.heads)))
+        if not heads and not request.drones:
+            raise InputError(f"rig '{rig.name}' has no heads to resume; a drone is resumed by its name")
+        self.orders.resume((*heads, *request.drones))
+        drones = {"drones": list(request.drones)} if request.drones else {}
+        return {"heads": list(heads), "unreached": _unreached(view, heads), **drones}
 
     def _aim(self, request: Aim) -> Answer:
         view = self.orders.view()
@@ -209,12 +217,26 @@ class Operator:
         for name, reason in _unreached(view, [drone]).items():
             raise HardwareError(f"drone {name} cannot be reached: {reason}")
 
+    def _check_room(self, drone: str) -> None:
+        """Refuse a take-off beside a drone that flies."""
+        view = self.orders.view()
+        places_m = {name: tuple(history.readings[-1].T_world_body[:3, 3].tolist()) for name, history in _told(view)}
+        grounded = {name for name, flight in view.state.flight.items() if flight is FlightState.GROUND}
+        aloft_m = {name: place_m for name, place_m in places_m.items() if name not in grounded and name != drone}
+        if drone in places_m and (reason := take_off_obstacle(drone, places_m[drone], aloft_m, view.rig)):
+            raise HardwareError(f"drone {drone} is not armed: {reason}")
+
     def _rates_hz(self, view: View) -> dict[str, float]:
         samples = self._samples
         if not samples or view.now_s <= samples[0][0]:
             return {}
         since_s, before = samples[0]
         return {name: (count - before.get(name, 0)) / (view.now_s - since_s) for name, count in view.delivered.items()}
+
+
+def _told(view: View) -> Iterable[tuple[str, DroneHistory]]:
+    """Return the drones that have said where they are."""
+    return ((name, history) for name, history in view.state.histories.drones.items() if history.readings)
 
 
 def _parsed(request: object) -> Request:

@@ -9,7 +9,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from camrig.interfaces import Published
-from camrig.messages import Event, FlightState, HeadAim, LinkReport, LinkStatus, RigPlan, Target, TargetStatus
+from camrig.messages import (
+    DroneHealth,
+    Event,
+    FlightState,
+    HeadAim,
+    LinkReport,
+    LinkStatus,
+    RigPlan,
+    Target,
+    TargetStatus,
+)
 from camrig.pipeline import State
 from camrig.rig import Rig
 
@@ -32,6 +42,10 @@ class View:
     """Where an operator has aimed heads that plans are to leave there."""
     statistics: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """What was counted of each device's link."""
+    health: Mapping[str, DroneHealth] = field(default_factory=dict)
+    """How the drones are whose drivers tell."""
+    flown: frozenset[str] = frozenset()
+    """Drones that follow plans."""
 
     def link(self, device: str) -> LinkReport:
         """Return the last report of a device's link; one that has said nothing yet is closed."""
@@ -67,10 +81,7 @@ def status_of(view: View, rates_hz: Mapping[str, float], events: tuple[Event, ..
             name: {**_link(view, name), **_head(view, name), "answers_hz": _number(rates_hz.get(name), 1)}
             for name in view.rig.heads
         },
-        "drones": {
-            name: {**_link(view, name), "flight": view.state.flight.get(name, FlightState.UNKNOWN).value}
-            for name in view.rig.drones
-        },
+        "drones": {name: {**_link(view, name), **_drone(view, name)} for name in view.rig.drones},
         "plan": _plan(view.state.mission.plan, view.now_s),
         "events": [
             {
@@ -116,6 +127,27 @@ def _head(view: View, name: str) -> dict[str, object]:
             "pan_deg": [_number(math.degrees(end), 3) for end in spec.pan_limits_rad],
             "tilt_deg": [_number(math.degrees(end), 3) for end in spec.tilt_limits_rad],
         },
+    }
+
+
+def _drone(view: View, name: str) -> dict[str, object]:
+    """Tell what a drone does, who controls it, whether it is fit to be armed or resumed, and why not."""
+    flight, health = view.state.flight.get(name, FlightState.UNKNOWN), view.health.get(name)
+    told: dict[str, object] = {
+        "flight": flight.value,
+        "control": "planner" if name in view.flown else "held" if health and health.activity == "holding" else "nobody",
+    }
+    if health is None:
+        return told
+    return told | {
+        "activity": health.activity,
+        "fit": not health.unfit,
+        "unfit": list(health.unfit),
+        "advice": list(health.advice),
+        "said": health.reason,
+        "battery_percent": _number(None if health.battery is None else 100.0 * health.battery, 0),
+        "pose_age_s": _number(health.pose_age_s, 2),
+        "software": health.software,
     }
 
 

@@ -10,8 +10,9 @@ from camrig.rig import DroneMount, HeadMount, Rig
 from camrig.steer.drones import steer_drones
 from camrig.steer.heads import apart_rad, steer_heads, within_limits
 from camrig.steer.state import SteerSettings, SteerState
+from camrig.steer.take_off import take_off_obstacle
 
-__all__ = ["SteerSettings", "SteerState", "apart_rad", "steer", "within_limits"]
+__all__ = ["SteerSettings", "SteerState", "apart_rad", "steer", "take_off_obstacle", "within_limits"]
 
 
 def steer(

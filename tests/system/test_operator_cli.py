@@ -15,7 +15,7 @@ from camrig.cli import operating
 from camrig.cli.console import results
 from camrig.cli.main import main
 from camrig.clock import RealClock
-from camrig.messages import FlightState, HeadAim, LinkStatus, TargetStatus
+from camrig.messages import DroneHealth, FlightState, HeadAim, LinkStatus, TargetStatus
 from camrig.runtime.operator_server import serving
 from camrig.runtime.operator_socket import claimed, runtime_folder
 from tests.operator_desk import Desk, refusal, target
@@ -118,6 +118,44 @@ def test_arm_asks_a_person_first(camrig: Run, desk: Desk, monkeypatch: pytest.Mo
     assert done[:2] == (0, "d1: taking_off")
     assert "propellers will turn" in done.err
     assert desk.done == [("arm", ("d1",))]
+
+
+def test_a_drone_that_is_not_fit_is_not_even_asked(camrig: Run, desk: Desk) -> None:
+    """All reasons at once, each with its cure; nothing is ordered."""
+    unfit = ("its battery is at 12 %, 30 % is the least; charge it", "parameter FS_GCS_ENABLE is 0, set it to 5 (land)")
+    desk.health["d1"] = DroneHealth("passive", obeys=False, unfit=unfit)
+    for command in ("arm", "takeoff", "resume"):
+        done = camrig(command, "d1", *(["--yes"] if command != "resume" else []))
+        assert done.code == 3
+        assert all(reason in done.err for reason in unfit)
+    assert desk.done == []
+
+
+def test_a_drone_is_resumed_by_its_name_alone(camrig: Run, desk: Desk) -> None:
+    desk.health["d1"] = DroneHealth("holding", obeys=False)
+    assert camrig("resume", "d1") == (0, "d1: follows plans", "")
+    assert camrig("resume", "pt1", "d1") == (0, "may move: pt1 d1: follows plans", "")
+    assert desk.done == [("resume", ("d1",)), ("resume", ("pt1", "d1"))]
+
+
+def test_status_says_why_a_drone_is_not_fit(camrig: Run, desk: Desk) -> None:
+    desk.health["d1"] = DroneHealth(
+        "holding",
+        obeys=False,
+        reason="no position from the autopilot for 0.5 s: it holds",
+        unfit=("its estimator has no height; wait, or restart it",),
+        advice=("parameter FENCE_ENABLE is 0, set it to 1",),
+        battery=0.62,
+        pose_age_s=0.04,
+        software="PX4 1.17.0",
+    )
+    shown = camrig("status").out
+    for words in ("held, battery 62 %, not fit to fly", "d1: not fit: its estimator has no height", "d1: better: para"):
+        assert words in shown
+    found = json.loads(camrig("status", "--json").out)["drones"]["d1"]
+    assert (found["control"], found["activity"], found["fit"]) == ("held", "holding", False)
+    assert found["said"] == "no position from the autopilot for 0.5 s: it holds"
+    assert (found["battery_percent"], found["pose_age_s"], found["software"]) == (62, 0.04, "PX4 1.17.0")
 
 
 def test_land_says_that_it_lands(camrig: Run, desk: Desk) -> None:

@@ -8,11 +8,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camrig.messages import FlightState, HeadAim, LinkStatus, PlanStatus, RigPlan, TargetStatus
+from camrig.geometry.pose import transform
+from camrig.messages import DroneReading, FlightState, HeadAim, LinkStatus, PlanStatus, RigPlan, TargetStatus
 from camrig.pipeline import begin
 from camrig.rig import Rig
 from camrig.runtime.operator_status import EVENTS_KEPT, RecentEvents
@@ -118,6 +120,30 @@ def test_a_drone_out_of_reach_is_given_no_order_that_it_might_obey_later(command
     answer = desk.operator().handle({"command": command, "drone": "d1"}, ME)
     assert answer == {"ok": False, "error": "drone d1 cannot be reached: link lost (no heartbeat)", "exit_code": 3}
     assert desk.done == []
+
+
+def test_no_drone_takes_off_beside_one_that_flies() -> None:
+    desk = Desk()
+    second = replace(desk.rig.drones["d1"], id="d2")
+    desk.rig = replace(desk.rig, drones={**desk.rig.drones, "d2": second})
+    desk.link("d2", LinkStatus.UP)
+    for name, x_m, flight in (("d1", 1.0, FlightState.GROUND), ("d2", 2.0, FlightState.FLYING)):
+        T = transform(np.eye(3), np.array([x_m, 1.0, 1.5]))
+        histories = desk.state.histories.with_reading(DroneReading(name, 0.0, T, np.eye(6), flight))
+        desk.state = replace(desk.state, histories=histories, flight={**desk.state.flight, name: flight})
+    answer = desk.operator().handle({"command": "arm", "drone": "d1"}, ME)
+    assert "drone d1 is not armed: drone d2 flies 1.00 m beside it" in str(answer["error"])
+    assert (answer["exit_code"], desk.done) == (3, [])
+
+
+def test_drones_are_resumed_by_name_and_reached_first() -> None:
+    desk = Desk()
+    operator = desk.operator()
+    answer = operator.handle({"command": "resume", "drones": ["d1"]}, ME)
+    assert (answer["heads"], answer["drones"], desk.done) == ([], ["d1"], [("resume", ("d1",))])
+    assert "its drones are d1" in str(operator.handle({"command": "resume", "drones": ["pt1"]}, ME)["error"])
+    desk.link("d1", LinkStatus.LOST, "no heartbeat")
+    assert "drone d1 cannot be reached" in str(operator.handle({"command": "resume", "drones": ["d1"]}, ME)["error"])
 
 
 def test_a_rig_without_heads_has_nothing_to_resume() -> None:
