@@ -107,11 +107,11 @@ def check(served: Served) -> None:
 @pytest.mark.parametrize(
     ("script", "reason"),
     [
-        ("at 0.5 unplug; at 1.2 replug", "serial port"),
-        ("from 0.5 to 1.8 silent", "queries in a row unanswered"),
-        ("from 0.5 to 1.8 swapped", "queries in a row unanswered"),
-        ("from 0.5 to 1.8 lost_last 3", "no answer"),
-        ("at 0.5 on pt1 reset", "queries in a row unanswered"),
+        ("at 1.2 unplug; at 1.9 replug", "serial port"),
+        ("from 1.2 to 2.5 silent", "queries in a row unanswered"),
+        ("from 1.2 to 2.5 swapped", "queries in a row unanswered"),
+        ("from 1.2 to 2.5 lost_last 3", "no answer"),
+        ("at 1.2 on pt1 reset", "queries in a row unanswered"),
     ],
     ids=["unplugged", "silence", "garbage", "half frames", "brown-out"],
 )
