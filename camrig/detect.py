@@ -7,6 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from camrig.geometry.arrays import GreyImage
+from camrig.geometry.lens import Lens
+from camrig.geometry.refine_corners import refine_corners
 from camrig.interfaces import TagDetector
 from camrig.messages import Frame, Region, TagDetection, TagDetections
 
@@ -22,12 +25,22 @@ does in a region exactly what it does in the whole picture. Corners differ by 0.
 (2 x 96 tags of 25 to 90 px, pyapriltags, decimate 1 and 2).
 """
 
+CELLS_ACROSS = {"tag16h5": 6, "tag25h9": 7, "tag36h10": 8, "tag36h11": 8, "tagCircle21h7": 5, "tagStandard41h12": 5}
+"""Cells between the corners of a tag, by family: how near to an edge the next one may be."""
+MOST_CELLS_ACROSS = 10
+"""Of any other family."""
+
 
 def detect_tags(
-    frame: Frame, detector: TagDetector, now_s: Callable[[], float], regions: Sequence[Region] | None = None
+    frame: Frame,
+    detector: TagDetector,
+    now_s: Callable[[], float],
+    regions: Sequence[Region] | None = None,
+    lens: Lens | None = None,
 ) -> TagDetections:
     """Find the tags of a frame; ``now_s`` is the clock that tells how long it took.
 
+    With the ``lens`` of its camera their corners are refined through it, unless it is one for pictures of another size.
     With ``regions`` only those are searched, unless they cover so much that the whole picture costs no more. A tag
     that a region cuts is not found. Raises InputError for a picture that no detector takes (a side under 16 px).
     """
@@ -38,6 +51,8 @@ def detect_tags(
         tags, whole = detector.detect(frame.image), True
     else:
         tags, whole = tuple(tag for region in searched for tag in _detect_in(frame, detector, region)), False
+    if tags and lens is not None and lens.size_px == (width, height):
+        tags = _refined(frame.image, lens, tags)
     return TagDetections(
         frame.camera_id, frame.stamp_s, frame.sequence, (width, height), tags, now_s() - begun_s, frame.source, whole
     )
@@ -57,6 +72,15 @@ def merged(regions: Sequence[Region], size_px: tuple[int, int]) -> tuple[Region,
             done.remove(touching)
             waiting.append(_union(region, touching))
     return tuple(done)
+
+
+def _refined(image: GreyImage, lens: Lens, tags: Sequence[TagDetection]) -> tuple[TagDetection, ...]:
+    cells = np.array([CELLS_ACROSS.get(tag.key.family, MOST_CELLS_ACROSS) for tag in tags], dtype=np.float64)
+    found = refine_corners(image, lens, np.stack([tag.corners_px for tag in tags]), cells)
+    return tuple(
+        replace(tag, corners_px=corners_px, refined=tuple(refined.tolist()))
+        for tag, corners_px, refined in zip(tags, found.corners_px, found.refined, strict=True)
+    )
 
 
 def _detect_in(frame: Frame, detector: TagDetector, region: Region) -> tuple[TagDetection, ...]:

@@ -33,17 +33,19 @@ from camrig.report.tag_picture import ColourImage, draw_tags, write_picture
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ruler:
-    """What turns corners into poses."""
+    """A lens, and how large tags are where that is known: what corners are refined through and become poses by."""
 
     lens: Lens
-    tag_size_m: float
+    tag_size_m: float | None
+    refine: bool
 
     def pose(self, tag: TagDetection) -> TagPose | None:
-        return tag_pose(self.lens, tag.corners_px, self.tag_size_m)
+        size_m = self.tag_size_m
+        return None if size_m is None else tag_pose(self.lens, tag.corners_px, size_m, tag.refined)
 
     def axes_px(self, pose: TagPose) -> Array:
         """Return the (4, 2) pixels of the tag's origin and of the ends of axes half a tag long."""
-        ends_m = np.vstack([np.zeros(3), 0.5 * self.tag_size_m * np.eye(3)])
+        ends_m = np.vstack([np.zeros(3), 0.5 * (self.tag_size_m or 0.0) * np.eye(3)])
         return self.lens.project(apply(pose.T_camera_tag, ends_m))
 
 
@@ -75,14 +77,21 @@ def detect(
     border_bits: Annotated[
         int | None, typer.Option(help="Width of the black border; Kalibr's AprilGrids have 2 (opencv alone) [1].")
     ] = None,
-    lens: Annotated[Path | None, typer.Option(help="YAML of one lens: gives each tag's pose.")] = None,
-    tag_size_m: Annotated[float | None, typer.Option(help="Side of the tags' black square, with --lens.")] = None,
+    lens: Annotated[
+        Path | None, typer.Option(help="YAML of the camera's lens: corners are refined through it.")
+    ] = None,
+    tag_size_m: Annotated[
+        float | None, typer.Option(help="Side of the tags' black square: with --lens gives each tag's pose.")
+    ] = None,
+    refine: Annotated[
+        bool | None, typer.Option("--refine/--no-refine", help="Refine corners through --lens [with a lens: yes].")
+    ] = None,
     draw: Annotated[Path | None, typer.Option(help="Write the pictures with their tags to this folder.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a picture.")] = False,
 ) -> None:
     """Find AprilTags. Exit code 4 where some pictures could not be read, 2 where none could."""
     finder = _detector(detector, families, decimate, border_bits)
-    ruler = _ruler(lens, tag_size_m)
+    ruler = _ruler(lens, tag_size_m, refine)
     if draw is not None:
         _make_folder(draw)
     paths, faults = _find(images)
@@ -157,14 +166,14 @@ def _option_fault(detector: str, detail: Mapping[str, object]) -> str:
     return f"{option}: {str(detail['msg']).removeprefix('Value error, ')}"
 
 
-def _ruler(lens: Path | None, tag_size_m: float | None) -> _Ruler | None:
-    if lens is None and tag_size_m is None:
-        return None
-    if lens is None or tag_size_m is None:
-        raise InputError("a pose needs both --lens and --tag-size-m")
-    if not 0.0 < tag_size_m <= 5.0:
+def _ruler(lens: Path | None, tag_size_m: float | None, refine: bool | None) -> _Ruler | None:
+    if lens is None and tag_size_m is not None:
+        raise InputError("--tag-size-m gives a pose only with --lens")
+    if lens is None and refine:
+        raise InputError("--refine needs --lens: corners are refined through the camera's lens")
+    if tag_size_m is not None and not 0.0 < tag_size_m <= 5.0:
         raise InputError(f"--tag-size-m is metres above 0 and up to 5, not {tag_size_m:g}")
-    return _Ruler(_load_lens(lens), tag_size_m)
+    return None if lens is None else _Ruler(_load_lens(lens), tag_size_m, refine is not False)
 
 
 def _load_lens(path: Path) -> Lens:
@@ -212,7 +221,7 @@ def _answer(picture: Picture, detector: TagDetector, ruler: _Ruler | None) -> _A
         return _Fault(source, picture.frame, f"is {width}x{height} px, the lens {lens_width}x{lens_height} px")
     frame = Frame("", picture.image, 0.0, picture.frame, stamp_known=False, source=source)
     try:
-        found = detect_tags(frame, detector, RealClock().now_s)
+        found = detect_tags(frame, detector, RealClock().now_s, lens=ruler.lens if ruler and ruler.refine else None)
     except InputError as error:
         return _Fault(source, picture.frame, str(error))
     return _Answer(picture.image, found, tuple(None if ruler is None else ruler.pose(tag) for tag in found.tags))
@@ -255,4 +264,5 @@ def _tag_json(tag: TagDetection, pose: TagPose | None) -> dict[str, object]:
             "sigma_m": pose.sigma_m.tolist(),
             "alternatives": pose.alternatives,
         },
+        "refined": list(tag.refined),
     }

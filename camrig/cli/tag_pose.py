@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,9 +24,11 @@ class TagPose:
     alternatives: int
 
 
-def tag_pose(lens: Lens, corners_px: Array, size_m: float) -> TagPose | None:
-    """Place a tag by its (4, 2) corners p0..p3; None past the lens's ``r_max`` or where they are no square's."""
-    points = observe_tags(lens, corners_px[None])
+def tag_pose(lens: Lens, corners_px: Array, size_m: float, refined: Sequence[bool] = (False,) * 4) -> TagPose | None:
+    """Place a tag by its (4, 2) corners p0..p3, some of them ``refined`` through the lens; None past the lens's
+    ``r_max`` or where they are no square's.
+    """
+    points = observe_tags(lens, corners_px[None], np.array([refined]))
     ideal = points.ideal[0]
     if not np.isfinite(ideal).all():
         return None

@@ -46,6 +46,13 @@ class DeviceModel(StrictModel):
         return dict(self.model_extra or {})
 
 
+class DetectorModel(DeviceModel):
+    """How tags are found; ``refine`` takes the lens's bend out of their corners."""
+
+    driver: Name = "pyapriltags"
+    refine: bool = True
+
+
 class FixedPoseModel(StrictModel):
     """Where a bolted camera stands and looks, as a level head would."""
 

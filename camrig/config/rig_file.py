@@ -16,6 +16,7 @@ from camrig.config.lenses import LensModel
 from camrig.config.models import (
     AnchorModel,
     CameraModel,
+    DetectorModel,
     DeviceModel,
     DroneModel,
     FusionModel,
@@ -87,6 +88,7 @@ class RigConfig:
     fusion: FusionModel
     devices: Mapping[DeviceGroup, Mapping[str, DeviceConfig]]
     detector: PluginConfig[Plugin[Any]]
+    refine: bool
     outputs: tuple[PluginConfig[Plugin[Any]], ...]
     world: PluginConfig[WorldPlugin] | None
     text: str
@@ -149,13 +151,14 @@ class _Reader:
             "heads": {at: head.build() for at, head in heads.items()},
             "drones": {at: drone.build() for at, drone in drones.items()},
         }
-        detector = self._plugin("detectors", ("detector",), {"driver": "pyapriltags"})
+        how = file.model(DetectorModel, ("detector",), default=DetectorModel())
+        detector = None if how is None else self._plugin("detectors", ("detector",), how)
         outputs = self._outputs()
         families = tuple(getattr(detector.section, "families", ())) if detector else ()
         parts = cross_checks.Parts(data, lenses, cameras, {**heads, **drones}, targets, anchors, families or None)
         file.faults += cross_checks.check(file.document, parts)
         self._check_together(specs, devices)
-        if file.faults or space is None or planner is None or fusion is None or detector is None:
+        if file.faults or space is None or planner is None or fusion is None or how is None or detector is None:
             raise ConfigError(sorted(set(file.faults)))
         rig = Rig(
             name=name,
@@ -169,7 +172,8 @@ class _Reader:
         by_id: dict[DeviceGroup, Mapping[str, DeviceConfig]] = {
             group: {self._id_at(at): device for at, device in found.items()} for group, found in devices.items()
         }
-        return RigConfig(file.document.file, rig, planner, fusion, by_id, detector, outputs, world, file.document.text)
+        text, refine = file.document.text, how.refine
+        return RigConfig(file.document.file, rig, planner, fusion, by_id, detector, refine, outputs, world, text)
 
     def _check_together(
         self,
@@ -215,12 +219,8 @@ class _Reader:
         return devices
 
     def _plugin(
-        self, group: Literal["detectors", "sinks"], at: KeyPath, default: dict[str, Any] | None = None
+        self, group: Literal["detectors", "sinks"], at: KeyPath, model: DeviceModel
     ) -> PluginConfig[Plugin[Any]] | None:
-        data = self.file.node(at) if at[0] in self.file.document.data else default
-        model = self.file.checked(DeviceModel, data, at)
-        if model is None:
-            return None
         plugin = self._found(at, partial(plugins.load_plugin, group, model.driver))
         return self._with_section(model, plugin, at)
 
@@ -240,7 +240,8 @@ class _Reader:
         return None if section is None else PluginConfig(model.driver, plugin, section)
 
     def _outputs(self) -> tuple[PluginConfig[Plugin[Any]], ...]:
-        found = [self._plugin("sinks", at) for at in self.file.places("outputs")]
+        models = {at: self.file.checked(DeviceModel, self.file.node(at), at) for at in self.file.places("outputs")}
+        found = [self._plugin("sinks", at, model) for at, model in models.items() if model is not None]
         return tuple(output for output in found if output is not None)
 
     def _found(self, at: KeyPath, load: Callable[[], PluginT]) -> PluginT | None:

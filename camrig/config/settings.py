@@ -38,6 +38,7 @@ def settings_of(config: RigConfig, *, aim: bool = True) -> Settings:
             max_range_m=planner.max_range_m or math.inf,
             gain=planner.gain,
             motion_cost_per_s=planner.motion_cost_per_s,
+            refined_corners=config.refine,
             reach_s=REACH_PERIODS * planner.period_s,
         ),
         mission=MissionSettings(period_s=planner.period_s, deadline_s=planner.deadline_s, aim=aim),

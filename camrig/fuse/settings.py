@@ -68,7 +68,8 @@ class Settings:
     models: dict[str, MotionModel] = field(default_factory=lambda: {"floor": FLOOR, "free": FREE, "static": STATIC})
     repeating: float = 0.8
     """The part of a sighting's corner variance that counts as the camera's own: pixel phase and the bend of edges come
-    again in the next frame, only about 0.02 px of the corners' noise is new (geometry.corner_noise).
+    again in the next frame. Of a detector's corners only about 0.02 px of noise is new; of refined ones a third to two
+    thirds of the law's variance (geometry.corner_noise), which errs on the safe side.
     """
 
     late_s: float = 0.7

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from camrig.geometry.arrays import Array, Transform
-from camrig.geometry.corner_noise import corner_sigma_px, tag_width_px
+from camrig.geometry.corner_noise import detected_sigma_px, refined_sigma_px, tag_width_px
 from camrig.geometry.lens import Lens
 from camrig.geometry.pose import transform
 
@@ -91,13 +91,17 @@ class PoseFit:
         return PoseFit(self.T_camera_body[rows], self.covariance[rows], self.chi2[rows], self.rms_sigma[rows])
 
 
-def observe_tags(lens: Lens, corners_px: Array) -> ImagePoints:
-    """Undistort (k, 4, 2) tag corners and weigh them by the corner noise law."""
+def observe_tags(lens: Lens, corners_px: Array, refined: npt.NDArray[np.bool_] | None = None) -> ImagePoints:
+    """Undistort (k, 4, 2) tag corners and weigh them by the corner noise laws; ``refined`` (k, 4) tells which of them
+    were refined through the lens, None that none was.
+    """
     ideal = lens.unproject(corners_px)
     centre = ideal.mean(axis=1)
-    sigma = corner_sigma_px(tag_width_px(corners_px), np.hypot(centre[:, 0], centre[:, 1]))
+    width = tag_width_px(corners_px)[:, None]
+    detected = detected_sigma_px(width, np.hypot(centre[:, :1], centre[:, 1:]))
+    known = np.zeros(corners_px.shape[:2], dtype=bool) if refined is None else refined
     scale = lens.jacobian(ideal) * np.asarray(lens.focal_px)[:, None]
-    return ImagePoints(ideal, scale, np.repeat(sigma[:, None], 4, axis=1))
+    return ImagePoints(ideal, scale, np.where(known, refined_sigma_px(width), detected))
 
 
 def square_poses(ideal: Array, px_per_ideal: Array, size_m: float) -> tuple[SquarePose, ...]:

@@ -16,8 +16,8 @@ from camrig.geometry.arrays import Array, GreyImage
 from camrig.geometry.edge_profiles import SHARP_PX, Crossings, Flags, cross, middle_of
 from camrig.geometry.lens import Lens
 
-ROUNDS = (12, 32, 32)
-SETTLED_PX = 0.2
+ROUNDS = (12, 32, 32, 32)
+SETTLED_PX = 0.1
 """Profiles along each edge, round by round; from the second on it ends where no corner moved further than that."""
 SAMPLES = 11
 """Samples along each profile."""
@@ -87,19 +87,23 @@ def _refined(image: GreyImage, lens: Lens, given_px: Array, ideal: Array, cells:
     cell_px, length_px = _cells_px(given_px, cells)
     trim = np.clip(TRIM_PX / length_px, TRIM_SHARE, MOST_TRIMMED)
     limit_px = MOST_MOVED_PX + MOST_MOVED_WIDTHS * np.sqrt(_area(given_px))[:, None]
-    corners, at_px, blur_px = ideal, given_px, np.full(trim.shape, SHARP_PX)
+    corners, at_px, blur_px = ideal.copy(), given_px.copy(), np.full(trim.shape, SHARP_PX)
     share, near = np.zeros(trim.shape), np.ones(trim.shape, dtype=bool)
+    rows = np.arange(len(given_px))  # of the tags that are not settled yet
     for count, profiles in enumerate(ROUNDS, 1):
-        traces = _traces(lens, corners, trim, profiles)
-        reach_px = np.clip(cell_px - SPARE_SIGMAS * blur_px, LEAST_REACH_PX, REACH_PX)
-        found = cross(image, traces.at_px, traces.outward, reach_px, SAMPLES, None if count == 1 else blur_px)
-        shift, share = _lines(traces, found)
-        blur_px, moved = found.sigma_px, _meet(corners, traces.normal, shift)
+        traces = _traces(lens, corners[rows], trim[rows], profiles)
+        reach_px = np.clip(cell_px[rows] - SPARE_SIGMAS * blur_px[rows], LEAST_REACH_PX, REACH_PX)
+        found = cross(image, traces.at_px, traces.outward, reach_px, SAMPLES, None if count == 1 else blur_px[rows])
+        shift, share[rows] = _lines(traces, found)
+        moved = _meet(corners[rows], traces.normal, shift)
         moved_px = _pixels(lens, moved)
-        near = _length(moved_px - given_px) <= limit_px
-        settled = bool((_length(moved_px - at_px)[near] < SETTLED_PX).all())
-        corners, at_px = np.where(near[..., None], moved, ideal), np.where(near[..., None], moved_px, given_px)
-        if count > 1 and settled:
+        close = _length(moved_px - given_px[rows]) <= limit_px[rows]
+        settled = ((_length(moved_px - at_px[rows]) < SETTLED_PX) | ~close).all(axis=1)
+        blur_px[rows], near[rows] = found.sigma_px, close
+        corners[rows] = np.where(close[..., None], moved, ideal[rows])
+        at_px[rows] = np.where(close[..., None], moved_px, given_px[rows])
+        rows = rows[~settled] if count > 1 else rows
+        if not len(rows):
             break
     sharp = (blur_px <= MOST_BLURRED_PX) & (cell_px - SPARE_SIGMAS * blur_px >= LEAST_REACH_PX)
     good = (share >= LEAST_GOOD) & sharp.all(axis=1, keepdims=True)

@@ -64,7 +64,7 @@ def undistorted(lens: Lens, listed: Sequence[tuple[TagDetection, TagOwner]]) -> 
     if not listed:
         return ()
     corners_px = np.stack([detection.corners_px for detection, _ in listed])
-    points = observe_tags(lens, corners_px)
+    points = observe_tags(lens, corners_px, np.array([detection.refined for detection, _ in listed]))
     width_px = tag_width_px(corners_px)
     usable = np.isfinite(points.ideal).all(axis=(1, 2)) & (width_px >= MIN_WIDTH_PX)
     return tuple(

@@ -37,6 +37,8 @@ class TagDetection:
     centre_px: tuple[float, float]
     hamming: int
     margin: float
+    refined: tuple[bool, bool, bool, bool] = (False, False, False, False)
+    """Which corners were refined through the lens (geometry.refine_corners); the others are the detector's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

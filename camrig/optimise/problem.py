@@ -56,7 +56,7 @@ _MODELS = {"pixel": PIXEL, "fisher": FISHER, "perspective": PERSPECTIVE}
 def problem_of(scene: Scene) -> Problem:
     """Prepare a scene. Raises InputError for one that cannot be planned (optimise.check)."""
     check(scene)
-    lenses = [_lens_rows(camera) for camera in scene.cameras]
+    lenses = [_lens_rows(camera, scene.settings) for camera in scene.cameras]
     firsts = np.concatenate([[0], np.cumsum([len(rows) for rows in lenses])])
     cameras = [
         _camera_row(camera, scene.settings.min_separation_m, int(first), len(rows))
@@ -99,9 +99,9 @@ def _camera_row(camera: SceneCamera, least_separation_m: float, lens_first: int,
     return row
 
 
-def _lens_rows(camera: SceneCamera) -> Array:
+def _lens_rows(camera: SceneCamera, settings: PlannerSettings) -> Array:
     lenses = [step.lens for step in camera.zoom] or [camera.lens]
-    return np.array([lens_row(lens, camera.alpha_rad) for lens in lenses])
+    return np.array([lens_row(lens, camera.alpha_rad, refined=settings.refined_corners) for lens in lenses])
 
 
 def _tag_rows(targets: Sequence[SceneTarget]) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from camrig.clock import Clock
 from camrig.detect import detect_tags
+from camrig.geometry.lens import Lens
 from camrig.interfaces import Camera, TagDetector
 from camrig.messages import Event, Expected, Frame, Level, Region, TagDetections
 from camrig.runtime.link_counts import counted
@@ -25,6 +26,8 @@ class CameraJob:
     camera: Camera
     make_detector: Callable[[], TagDetector]
     clock: Clock
+    lens: Lens | None = None
+    """Through which corners are refined; None: they stay as the detector finds them."""
     detections: Mailbox[TagDetections] = field(default_factory=lambda: Mailbox(4))
     expected: Mailbox[Expected] = field(default_factory=lambda: Mailbox(1))
     told: Callable[[TagDetections], None] | None = None
@@ -47,7 +50,7 @@ class CameraJob:
         if frame is None or self._detector is None:
             return
         self._tell(frame)
-        found = detect_tags(frame, self._detector, self.clock.now_s, self._regions(frame.stamp_s))
+        found = detect_tags(frame, self._detector, self.clock.now_s, self._regions(frame.stamp_s), self.lens)
         self._whole_s = found.stamp_s if found.whole else self._whole_s
         self.frames += 1
         self.whole_frames += found.whole

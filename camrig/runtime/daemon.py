@@ -288,7 +288,14 @@ class Daemon:
         drones = {name: DroneJob(name, drone, clock) for name, drone in make_devices(config, "drones").items()}
         return Devices(
             cameras={
-                name: CameraJob(name, camera, detector, clock, told=pilot(name, config.rig, drones))
+                name: CameraJob(
+                    name,
+                    camera,
+                    detector,
+                    clock,
+                    config.rig.cameras[name].lens if config.refine else None,
+                    told=pilot(name, config.rig, drones),
+                )
                 for name, camera in make_devices(config, "cameras").items()
             },
             heads={

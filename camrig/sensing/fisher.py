@@ -14,9 +14,17 @@ import math
 import numpy as np
 
 from camrig.geometry.arrays import Array
-from camrig.geometry.corner_noise import BEND_PER_PX, NOISE_PX, SMALL_TAG_PX2
+from camrig.geometry.corner_noise import (
+    BEND_PER_PX,
+    NOISE_PX,
+    REFINED_PX,
+    REFINED_PX2,
+    SMALL_TAG_PX2,
+    UNREFINED_POWER,
+    UNREFINED_WIDTH_PX,
+)
 from camrig.geometry.jit import compiled
-from camrig.sensing.lens_row import FX, FY, curvatures_at, pixel_at, slopes_at
+from camrig.sensing.lens_row import FX, FY, REFINED, curvatures_at, pixel_at, slopes_at
 
 
 @compiled
@@ -37,7 +45,7 @@ def corner_rows(lens: Array, corner: Array, centre: Array, rows: Array) -> None:
 
 @compiled
 def corner_sigma(lens: Array, corners: Array, centre: Array) -> float:
-    """Return one sigma in pixels of the corners (4, 3) of a tag: geometry.corner_noise at its width and its place."""
+    """Return one sigma in pixels of the corners (4, 3) of a tag: geometry.corner_noise, as a plan expects them."""
     twice_area = 0.0
     last_x, last_y = pixel_at(lens, corners[3, 0], corners[3, 1], corners[3, 2])
     for k in range(4):
@@ -45,6 +53,10 @@ def corner_sigma(lens: Array, corners: Array, centre: Array) -> float:
         twice_area += last_x * at_y - last_y * at_x
         last_x, last_y = at_x, at_y
     width = math.sqrt(abs(twice_area) / 2.0)
+    if lens[REFINED] > 0.0:
+        width = max(width, 1.0)
+        unrefined = (UNREFINED_WIDTH_PX / width) ** UNREFINED_POWER
+        return math.sqrt(REFINED_PX**2 + (REFINED_PX2 / width) ** 2 + unrefined * unrefined)
     bend = BEND_PER_PX * math.hypot(centre[0], centre[1]) / centre[2] * width * width
     return math.hypot(max(NOISE_PX, SMALL_TAG_PX2 / max(width, 1.0)), bend)
 
@@ -176,6 +188,8 @@ def _corner_sigma_slope(lens: Array, corners: Array, centre: Array, moved: Array
     width2 = abs(twice_area) / 2.0
     width2_by = math.copysign(1.0, twice_area) * twice_area_by / 2.0
     width = math.sqrt(width2)
+    if lens[REFINED] > 0.0:
+        return _refined_sigma_slope(width2, width2_by)
     noise, noise_by = NOISE_PX, 0.0
     if SMALL_TAG_PX2 / max(width, 1.0) > NOISE_PX:
         noise = SMALL_TAG_PX2 / max(width, 1.0)
@@ -189,3 +203,14 @@ def _corner_sigma_slope(lens: Array, corners: Array, centre: Array, moved: Array
     bend_by = BEND_PER_PX * (radius_by * width2 + radius * width2_by)
     sigma = math.hypot(noise, bend)
     return sigma, (noise * noise_by + bend * bend_by) / sigma
+
+
+@compiled
+def _refined_sigma_slope(width2: float, width2_by: float) -> tuple[float, float]:
+    """Return the sigma of refined corners of tags ``sqrt(width2)`` wide, and its derivative."""
+    if width2 < 1.0:
+        width2, width2_by = 1.0, 0.0
+    narrow = REFINED_PX2**2 / width2
+    unrefined = (UNREFINED_WIDTH_PX**2 / width2) ** UNREFINED_POWER
+    sigma = math.sqrt(REFINED_PX**2 + narrow + unrefined)
+    return sigma, -(narrow + UNREFINED_POWER * unrefined) * width2_by / (2.0 * width2 * sigma)

@@ -16,7 +16,7 @@ from camrig.geometry.lens import BrownLens, FisheyeLens, Lens
 from camrig.geometry.lens.brown import brown_curvatures, brown_sensor, brown_slopes
 from camrig.geometry.lens.fisheye import fisheye_curvatures, fisheye_sensor, fisheye_slopes
 
-FX, FY, CX, CY, WIDTH, HEIGHT, R_MAX, ALPHA, IS_FISHEYE, COEFFICIENTS = range(10)
+FX, FY, CX, CY, WIDTH, HEIGHT, R_MAX, ALPHA, IS_FISHEYE, REFINED, COEFFICIENTS = range(11)
 SIZE = COEFFICIENTS + 12
 
 _brown_sensor, _fisheye_sensor = compiled(brown_sensor), compiled(fisheye_sensor)
@@ -30,8 +30,9 @@ def half_angle(lens: Lens) -> float:
     return math.atan(lens.size_px[0] / (2.0 * math.sqrt(fx * fy)))
 
 
-def lens_row(lens: Lens, alpha_rad: float | None = None) -> Array:
-    """Return the (SIZE,) row of a lens; ``alpha_rad`` is the half angle of its cone where it is not its own.
+def lens_row(lens: Lens, alpha_rad: float | None = None, *, refined: bool = True) -> Array:
+    """Return the (SIZE,) row of a lens; ``alpha_rad`` is the half angle of its cone where it is not its own;
+    ``refined`` tells whether corners of tags seen by it are refined (geometry.corner_noise).
 
     Raises InputError for a lens model that the kernels do not know.
     """
@@ -43,7 +44,7 @@ def lens_row(lens: Lens, alpha_rad: float | None = None) -> Array:
     row[WIDTH], row[HEIGHT] = lens.size_px
     row[R_MAX] = lens.r_max
     row[ALPHA] = half_angle(lens) if alpha_rad is None else alpha_rad
-    row[IS_FISHEYE] = isinstance(lens, FisheyeLens)
+    row[IS_FISHEYE], row[REFINED] = isinstance(lens, FisheyeLens), refined
     row[COEFFICIENTS : COEFFICIENTS + len(lens.distortion)] = lens.distortion
     return row
 

@@ -75,7 +75,7 @@ def test_a_line_has_exactly_the_documented_keys(tag_picture: Path, capsys: pytes
     assert (line["image"], line["frame"], line["size_px"]) == (str(tag_picture), 0, [320, 240])
     assert 0.0 < line["detect_s"] < 10.0
     (tag,) = line["tags"]
-    assert list(tag) == ["family", "id", "hamming", "margin", "center_px", "corners_px", "pose"]
+    assert list(tag) == ["family", "id", "hamming", "margin", "center_px", "corners_px", "pose", "refined"]
     assert (tag["family"], tag["id"], tag["hamming"], tag["pose"]) == ("tag36h11", 42, 0, None)
     expected = LENS.project(apply(T_CAMERA_TAG, SIZE_M * TAG_CORNERS))
     np.testing.assert_allclose(tag["corners_px"], expected, atol=0.1)
@@ -95,6 +95,21 @@ def test_a_lens_gives_the_tags_pose(
     assert np.all(np.abs(error[:3]) < 4.0 * np.array(pose["sigma_m"]))
     assert np.all(np.array(pose["sigma_m"]) < 0.005)
     assert pose["alternatives"] == 0
+
+
+def test_corners_are_refined_through_the_lens_unless_told_not_to(
+    tag_picture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "lens.yaml").write_text(LENS_KEYS)
+    found = {}
+    for refine in (None, False):
+        detect([str(tag_picture)], lens=tmp_path / "lens.yaml", refine=refine, as_json=True)
+        (found[refine],) = lines(capsys.readouterr().out)[0]["tags"]
+    assert (found[None]["refined"], found[False]["refined"]) == ([True] * 4, [False] * 4)
+    assert found[None]["pose"] is None
+    expected = LENS.project(apply(T_CAMERA_TAG, SIZE_M * TAG_CORNERS))
+    off_px = {refine: np.abs(np.array(tag["corners_px"]) - expected).max() for refine, tag in found.items()}
+    assert off_px[None] < min(0.03, off_px[False])
 
 
 def test_every_bad_file_has_a_line_and_the_good_ones_are_still_done(
@@ -161,8 +176,9 @@ def test_annotated_pictures_are_written(tag_picture: Path, tmp_path: Path) -> No
         ({"decimate": 2.5}, r"--decimate: must be one of 1, 1\.5, 2, 3, 4"),
         ({"border_bits": 2}, r"detector pyapriltags has no --border-bits"),
         ({"border_bits": 3, "detector": "opencv"}, r"--border-bits: Input should be 1 or 2"),
-        ({"tag_size_m": 0.1}, r"a pose needs both --lens and --tag-size-m"),
-        ({"lens": Path("gone.yaml")}, r"a pose needs both"),
+        ({"tag_size_m": 0.1}, r"--tag-size-m gives a pose only with --lens"),
+        ({"refine": True}, r"--refine needs --lens"),
+        ({"lens": Path("gone.yaml")}, r"gone.yaml: cannot be read"),
         ({"lens": Path("gone.yaml"), "tag_size_m": 0.1}, r"gone.yaml: cannot be read"),
         ({"lens": Path("gone.yaml"), "tag_size_m": -1.0}, r"--tag-size-m is metres above 0"),
         ({"draw": Path("/proc/nowhere")}, r"--draw: folder /proc/nowhere cannot be made"),

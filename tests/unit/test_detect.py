@@ -1,12 +1,12 @@
 """Frame -> TagDetections, and the pose that ``camrig detect`` reports."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from camrig.cli.tag_pose import tag_pose
-from camrig.detect import detect_tags
+from camrig.detect import detect_tags, merged
 from camrig.geometry.arrays import GreyImage
 from camrig.geometry.lens import BrownLens
 from camrig.geometry.pnp import TAG_CORNERS
@@ -14,6 +14,7 @@ from camrig.geometry.pose import apply, difference, transform
 from camrig.geometry.rotation import rotation_exp
 from camrig.messages import Frame, TagDetection
 from camrig.rig import TagKey
+from tests.drawn_tags import DrawnTag, draw_tag, random_pose
 
 LENS = BrownLens((1280, 800), (828.0, 828.0), (640.0, 400.0), (-0.336, 0.101, 0.0, 0.0))
 FACING = rotation_exp(np.array([np.pi, 0.0, 0.0]))
@@ -40,6 +41,42 @@ def test_detections_carry_the_frames_identity_size_and_the_time_taken() -> None:
     assert found.size_px == (64, 48)
     assert found.tags == (tag,)
     assert found.detect_s == 0.25
+
+
+def near(tag: DrawnTag) -> TagDetection:
+    """What a detector may say of a drawn tag."""
+    corners = tag.corners_px + np.array([[0.2, 0.1], [-0.1, 0.2], [0.1, -0.2], [-0.2, 0.0]])
+    return TagDetection(TagKey("tag36h11", 7), corners, (0.0, 0.0), 0, 60.0)
+
+
+def drawn_tag() -> DrawnTag:
+    rng = np.random.default_rng(0)
+    tag = draw_tag(LENS, random_pose(LENS, rng, 50.0, 0.3), rng)
+    assert tag is not None
+    return tag
+
+
+@pytest.mark.parametrize("in_regions", [False, True])
+def test_with_the_cameras_lens_corners_are_refined_wherever_they_were_looked_for(in_regions: bool) -> None:
+    tag = drawn_tag()
+    found_there = near(tag)
+    if in_regions:  # a detector that is shown a part of the picture counts from its corner
+        found_there = replace(
+            found_there, corners_px=found_there.corners_px - np.array(merged([tag.region], LENS.size_px)[0][:2])
+        )
+    frame = Frame("c", tag.image, 0.0, 0)
+    (found,) = detect_tags(frame, Finds((found_there,)), lambda: 0.0, [tag.region] if in_regions else None, LENS).tags
+    assert found.refined == (True, True, True, True)
+    assert np.abs(found.corners_px - tag.corners_px).max() < 0.06
+
+
+def test_through_no_lens_or_one_for_another_size_corners_stay_the_detectors() -> None:
+    tag = drawn_tag()
+    frame, other = Frame("c", tag.image, 0.0, 0), BrownLens((640, 400), (414.0, 414.0), (320.0, 200.0))
+    for lens in (None, other):
+        (found,) = detect_tags(frame, Finds((near(tag),)), lambda: 0.0, lens=lens).tags
+        assert found.refined == (False, False, False, False)
+        np.testing.assert_array_equal(found.corners_px, near(tag).corners_px)
 
 
 def test_the_pose_of_a_tilted_tag_is_found_through_a_distorting_lens_and_is_the_only_one() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from camrig.geometry import pose
 from camrig.geometry.arrays import Array, Transform
-from camrig.geometry.corner_noise import corner_sigma_px, tag_width_px
+from camrig.geometry.corner_noise import detected_sigma_px, planned_sigma_px, tag_width_px
 from camrig.geometry.lens import Lens
 from camrig.geometry.rotation import rotation_exp, rotation_x, rotation_y, rotation_z
 from camrig.geometry.tags import tag_corners
@@ -78,13 +78,17 @@ def test_the_rows_are_the_derivatives_of_the_corners_pixels(name: str) -> None:
         np.testing.assert_allclose(rows[:, k], (ahead - behind) / (2.0 * step), atol=1e-5)
 
 
+@pytest.mark.parametrize("size_m", [0.02, SIZE_M, 0.5])
 @pytest.mark.parametrize("name", VIEWS)
-def test_the_corners_sigma_is_the_noise_law_at_width_and_radius(name: str) -> None:
-    view = VIEWS[name]
+def test_the_corners_sigma_is_the_noise_law_at_width_and_radius(name: str, size_m: float) -> None:
+    view, corners = VIEWS[name], VIEWS[name].corners(size_m)
     x, y, z = view.centre
-    width = tag_width_px(view.lens.project(view.corners()))
-    expected = corner_sigma_px(width, np.asarray(math.hypot(x, y) / z))
-    assert corner_sigma(lens_row(view.lens), view.corners(), np.array(view.centre)) == pytest.approx(float(expected))
+    width = tag_width_px(view.lens.project(corners))
+    found = [
+        corner_sigma(lens_row(view.lens, refined=refined), corners, np.array(view.centre)) for refined in (True, False)
+    ]
+    expected = planned_sigma_px(width), detected_sigma_px(width, np.asarray(math.hypot(x, y) / z))
+    assert found == pytest.approx([float(sigma) for sigma in expected])
 
 
 def fitted(view: View, pixels: Array) -> Array:

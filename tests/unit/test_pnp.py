@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from camrig.geometry import pose
 from camrig.geometry.arrays import Array
-from camrig.geometry.corner_noise import corner_sigma_px, tag_width_px
+from camrig.geometry.corner_noise import detected_sigma_px, refined_sigma_px, tag_width_px
 from camrig.geometry.lens import BrownLens, FisheyeLens, Lens
 from camrig.geometry.pnp import (
     TAG_CORNERS,
@@ -199,8 +199,18 @@ def test_a_corner_past_r_max_is_nan() -> None:
         (110.0, 0.5, 0.3, 0.45),
     ],
 )
-def test_the_noise_law_meets_what_was_measured(width_px: float, radius: float, low: float, high: float) -> None:
-    assert low < corner_sigma_px(np.asarray(width_px), np.asarray(radius)) < high
+def test_the_noise_law_of_a_detectors_corners_meets_what_was_measured(
+    width_px: float, radius: float, low: float, high: float
+) -> None:
+    assert low < detected_sigma_px(np.asarray(width_px), np.asarray(radius)) < high
+
+
+def test_each_corner_is_weighed_by_whether_it_was_refined() -> None:
+    corners = np.array([[[600.0, 440.0], [650.0, 440.0], [650.0, 390.0], [600.0, 390.0]]])
+    sigma = observe_tags(LAB, corners, np.array([[True, False, True, True]])).sigma_px
+    assert sigma[0, [0, 2, 3]] == pytest.approx(float(refined_sigma_px(np.asarray(50.0))))
+    assert sigma[0, 1] == observe_tags(LAB, corners).sigma_px[0, 1]
+    assert sigma[0, 1] > 3.0 * sigma[0, 0]
 
 
 def test_the_width_of_a_tag_is_the_root_of_its_area_whichever_way_round() -> None:

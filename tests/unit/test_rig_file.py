@@ -82,6 +82,17 @@ def test_what_a_planner_is_not_told_stays_as_a_running_rig_has_it(tmp_path: Path
     assert coarse.min_tag_px == 24.0
 
 
+@pytest.mark.parametrize(
+    ("section", "refined"), [("", True), ("{}", True), ("{refine: true}", True), ("{refine: false}", False)]
+)
+def test_corners_are_refined_and_planned_by_unless_the_file_says_no(
+    tmp_path: Path, section: str, refined: bool
+) -> None:
+    config = load_rig(_write(tmp_path, GOOD + (f"detector: {section}\n" if section else "")))
+    assert config.refine is refined
+    assert settings_of(config).planner.refined_corners is refined
+
+
 def test_every_key_of_the_planner_reaches_it(tmp_path: Path) -> None:
     section = (
         "planner: {quality: fisher, objective: worst, visibility: cone, max_range_m: 6, min_tag_px: 0, "

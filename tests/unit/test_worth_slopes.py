@@ -71,7 +71,7 @@ ANCHORS = (SceneAnchor((2.0, 1.5, 0.0), 0.3, (0.1, 0.0, 1.0), 0.3), SceneAnchor(
 
 
 def smooth_here(problem: Problem, u: Array, row: Array) -> bool:
-    """Whether a tag is well within the lens and not where the noise law has its kink."""
+    """Whether a tag is well within the lens and not where the noise law of a detector's corners has its kink."""
     lens = lens_of(problem.cameras[0], problem.lenses, u)
     R, origin = pose_of(problem.cameras[0], u)
     corners = (row[CORNERS : CORNERS + 12].reshape(4, 3) - origin) @ R
@@ -123,12 +123,13 @@ def tags(draw: st.DrawFn) -> SceneTarget:
 @pytest.mark.parametrize("anchored", [False, True])
 @pytest.mark.parametrize("name", CAMERAS)
 @settings(deadline=None, max_examples=25)
-@given(st.sampled_from(QUALITIES), tags(), st.lists(st.floats(0.05, 0.95), min_size=6, max_size=6))
+@given(st.sampled_from(QUALITIES), st.booleans(), tags(), st.lists(st.floats(0.05, 0.95), min_size=6, max_size=6))
 def test_what_a_camera_adds_has_the_slopes_it_says(
-    name: str, anchored: bool, quality: Quality, tag: SceneTarget, shares: list[float]
+    name: str, anchored: bool, quality: Quality, refined: bool, tag: SceneTarget, shares: list[float]
 ) -> None:
     anchors = ANCHORS if anchored else ()
-    problem = problem_of(Scene((CAMERAS[name],), (tag,), PlannerSettings(quality, "image"), anchors=anchors))
+    how = PlannerSettings(quality, "image", refined_corners=refined)
+    problem = problem_of(Scene((CAMERAS[name],), (tag,), how, anchors=anchors))
     u = problem.low[0] + np.array(shares) * (problem.high[0] - problem.low[0])
     if isinstance(CAMERAS[name].place, HeadPlace):
         about = np.array([shares[3] - 0.5, shares[4] - 0.5, 0.0])
