@@ -100,10 +100,12 @@ def table(seen: Sequence[SeenCorners]) -> str:
         cells = [f"| {low:.0f} to {high:.0f}", f"{len(row)}"]
         for place in places:
             detected, published, _ = errors(in_bin(row, (low, high), place))
-            cells.append(f"{rms(detected):.3f} / {rms(published):.3f}")
+            cells.append(f"{rms(detected):.3f} / {rms(published):.3f}" if detected.size else "-")
         _, published, refined = errors(row)
         law = float(refined_sigma_px(np.asarray(np.sqrt(low * high))))
-        lines.append(" | ".join([*cells, f"{rms(published[refined]):.4f}", f"{refined.mean():.2f}", f"{law:.4f} |"]))
+        alone = f"{rms(published[refined]):.4f}" if refined.any() else "-"
+        share = f"{refined.mean():.2f}" if row else "-"
+        lines.append(" | ".join([*cells, alone, share, f"{law:.4f} |"]))
     return "\n".join(lines)
 
 
