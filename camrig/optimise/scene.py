@@ -138,8 +138,10 @@ class PlannerSettings:
     max_range_m: float = math.inf
     gain: float = 0.0
     motion_cost_per_s: float = 0.0
-    refined_corners: bool = True
-    """Whether tags' corners are refined through the lens: what their noise is (quality ``fisher``)."""
+    refined_corners: bool = False
+    """Whether tags' corners are refined through the lens, as those of a running rig are unless its file says no: what
+    their noise is (quality ``fisher``).
+    """
     reach_s: float = math.inf
     """How far a running rig plans: places that a head or drone would take longer to reach are not considered, since a
     target promised to a camera that is still on its way is not seen."""

@@ -30,7 +30,7 @@ def half_angle(lens: Lens) -> float:
     return math.atan(lens.size_px[0] / (2.0 * math.sqrt(fx * fy)))
 
 
-def lens_row(lens: Lens, alpha_rad: float | None = None, *, refined: bool = True) -> Array:
+def lens_row(lens: Lens, alpha_rad: float | None = None, *, refined: bool = False) -> Array:
     """Return the (SIZE,) row of a lens; ``alpha_rad`` is the half angle of its cone where it is not its own;
     ``refined`` tells whether corners of tags seen by it are refined (geometry.corner_noise).
 
