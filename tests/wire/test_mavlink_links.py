@@ -229,6 +229,32 @@ def test_what_is_not_signed_or_not_by_the_key_or_replayed_is_not_heard(key_file:
     assert seals.refused == 3
 
 
+def test_a_damaged_stamp_costs_its_own_frame_alone(key_file: Path) -> None:
+    """No checksum covers a signature: what a radio makes of a stamp may lie years ahead."""
+    decoder, good = Decoder(Seals(signing(key_file))), Encoder(Seals(signing(key_file, 1)))
+    damaged = bytearray(good.encode(TimeSync(1, 2), (1, 1)))
+    damaged[-7] ^= 0x80  # the highest byte of the stamp
+    assert list(decoder.feed(bytes(damaged))) == []
+    assert [packet for _, packet in decoder.feed(good.encode(TimeSync(1, 2), (1, 1)))] == [TimeSync(1, 2)]
+
+
+def test_a_disk_that_fills_up_in_flight_silences_nobody(key_file: Path, caplog: pytest.LogCaptureFixture) -> None:
+    now_s = [NOON_S]
+    folder = key_file.parent / "state"
+    encoder = Encoder(Seals(Signing(key_file, 0, folder, lambda: now_s[0])))
+    (folder / "mavlink-signing-0").unlink()
+    folder.rmdir()
+    folder.write_text("no folder any more")
+    stamps = []
+    for _ in range(100):
+        now_s[0] += 1.0
+        stamps.append(stamp_of(encoder.encode(OwnHeartbeat(), (0, 0)))[1])
+    assert stamps == sorted(set(stamps))
+    assert caplog.text.count("cannot be kept") == 1  # and not at every set-point
+    with pytest.raises(InputError, match="cannot be kept"):
+        Signing(key_file, 0, folder).begin()
+
+
 def test_an_unsigned_link_hears_signed_frames_and_signs_nothing(key_file: Path) -> None:
     signed = Encoder(Seals(signing(key_file))).encode(OwnHeartbeat(), (0, 0))
     assert [type(packet) for _, packet in Decoder().feed(signed)] == [Heartbeat]

@@ -63,6 +63,19 @@ class Seals:
             self.state.secret_key, self.state.link_id = signing.key, signing.link_id
             self.state.sign_outgoing = True
 
+    def stamps(self) -> dict[Any, int]:
+        """Return the last stamp of every stream that is heard."""
+        return dict(self.state.stream_timestamps)
+
+    def refuse(self, stamps: dict[Any, int]) -> None:
+        """Count a frame, and go back to the stamps before it.
+
+        pymavlink notes a stamp before it tests the signature: one damaged or forged frame of a time to come, and all
+        good ones after it would be too old.
+        """
+        self.refused += 1
+        self.state.stream_timestamps = stamps
+
     def advance(self) -> None:
         """Bring the stamp of the next frame up to now."""
         if self._signing is not None:
@@ -92,10 +105,12 @@ class Decoder:
                 yield (message.get_srcSystem(), message.get_srcComponent()), packet
 
     def _decode(self, length: int) -> Any:
+        stamps = self._seals.stamps()
         try:
             return self._mavlink.decode(self._buffer[:length])
         except dialect.MAVError as error:
-            self._seals.refused += "signature" in str(error)  # nothing but its text tells
+            if "signature" in str(error):  # nothing but its text tells
+                self._seals.refuse(stamps)
             return None
 
     def _frame_ends_well(self, message: Any, length: int) -> bool:

@@ -6,12 +6,15 @@ stamp that may have been used is kept on disk, ahead of its use, and a new sessi
 
 from __future__ import annotations
 
+import logging
 import os
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 from camrig.errors import InputError
+
+_log = logging.getLogger(__name__)
 
 _EPOCH_S = 1_420_070_400
 """2015-01-01, from which stamps count in units of 10 us."""
@@ -49,7 +52,11 @@ def state_folder() -> Path:
 
 
 class Signing:
-    """What a link signs with. ``begin`` and ``stamp`` raise InputError where the stamp cannot be kept."""
+    """What a link signs with. ``begin`` raises InputError where the stamp cannot be kept.
+
+    A disk that fills up later ends no flight: stamps still ascend, and what was kept matters only to the next session
+    of a clock that was set back.
+    """
 
     def __init__(
         self, key_file: Path, link_id: int, folder: Path | None = None, wall_s: Callable[[], float] = time.time
@@ -68,19 +75,25 @@ class Signing:
             kept = int(self._store.read_text("ascii"))
         except (OSError, ValueError):
             kept = 0
-        return self.stamp(max(self._now(), kept))
+        stamp = max(self._now(), kept)
+        self._keep(stamp + _RESERVED)
+        return stamp
 
     def stamp(self, at_least: int) -> int:
         """Return the stamp of the next frame: now, or ``at_least`` where that is later."""
         stamp = max(self._now(), at_least)
         if stamp >= self._limit:
-            self._keep(stamp + _RESERVED)
+            try:
+                self._keep(stamp + _RESERVED)
+            except InputError as error:
+                _log.error("%s; signed on without", error)
         return stamp
 
     def _now(self) -> int:
         return int((self._wall_s() - _EPOCH_S) * _UNITS_PER_S)
 
     def _keep(self, limit: int) -> None:
+        self._limit = limit
         fresh = self._store.with_suffix(".new")
         try:
             self._store.parent.mkdir(parents=True, exist_ok=True)
@@ -90,4 +103,3 @@ class Signing:
             raise InputError(
                 f"the stamp of signing link {self.link_id} cannot be kept at {self._store}: {error.strerror or error}"
             ) from error
-        self._limit = limit
