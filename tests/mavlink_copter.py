@@ -247,6 +247,9 @@ class Flight:
         self.now_s = 100.0
         self.step = 0
         self.said: list[tuple[float, Said]] = []
+        self.delay_s = 0.0
+        """How long the link holds back what the copter says."""
+        self._coming: list[tuple[float, Heard]] = []
         seen = Telemetry(spec.id, ORIGIN_M, self.copter.heartbeat(), self.now_s)
         self.vehicle = Vehicle(spec, flavour, seen, settings or VehicleSettings())
 
@@ -266,8 +269,9 @@ class Flight:
         packets = list(self.copter.telemetry(self.step, self.now_s))
         if hangs:
             return
-        for packet in [] if self.copter.silent else packets:
-            self.vehicle.hear(packet, self.now_s)
+        self._coming += [(self.now_s + self.delay_s, packet) for packet in packets if not self.copter.silent]
+        while self._coming and self._coming[0][0] <= self.now_s:
+            self.vehicle.hear(self._coming.pop(0)[1], self.now_s)
         for said in self.vehicle.tick(self.now_s):
             self.said.append((self.now_s, said))
             self.copter.take(said, self.now_s)

@@ -89,6 +89,17 @@ def test_what_holds_after_a_fault_goes_on_only_when_an_operator_says_so(flavour:
 
 
 @BOTH
+def test_positions_that_come_often_but_late_are_not_flown_by(flavour: Flavour) -> None:
+    """A radio or an access point that queues: many positions a second, each older than the one before."""
+    flight = flown(flavour)
+    for _ in range(200):
+        flight.delay_s += 0.5 * STEP_S
+        flight.advance(STEP_S)
+    assert flight.vehicle.phase is HOLD
+    assert "no position from the autopilot for 0.5 s: it holds" in flight.vehicle.reason
+
+
+@BOTH
 def test_silence_stops_the_stream_and_asks_for_a_landing_until_it_is_heard(flavour: Flavour) -> None:
     """Both ways. When the link is back PX4 would follow a stream at once: there is none, and it lands."""
     flight = flown(flavour)

@@ -139,6 +139,16 @@ def test_a_pose_by_anchors_is_on_the_wire_in_milliseconds() -> None:
     assert sorted(latencies_s)[len(latencies_s) // 2] < 0.005
 
 
+def test_a_pose_by_anchors_ages_from_its_picture_not_from_its_sending() -> None:
+    with listening() as peer, opened(make_drone(url_of(peer), pose="vision"), peer) as drone:
+        drone.take_pose(BodyPose("d1", time.monotonic() - 0.4, np.eye(4), 1e-4 * np.eye(6)))
+        served(drone, 0.2)
+        assert "VISION_POSITION_ESTIMATE" in {m.get_type() for m in peer.heard(0.05)}
+        health = drone.health()
+    assert health is not None
+    assert any("its camera sees no anchors" in reason for reason in health.unfit)
+
+
 def test_a_drone_that_navigates_by_itself_is_sent_no_poses() -> None:
     with listening() as peer, opened(make_drone(url_of(peer)), peer) as drone:
         drone.take_pose(BodyPose("d1", time.monotonic(), np.eye(4), 1e-4 * np.eye(6)))

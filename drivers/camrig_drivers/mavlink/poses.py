@@ -36,6 +36,8 @@ class PoseTrack:
         self._attitudes: deque[tuple[float, Array]] = deque(maxlen=32)  # boot time, R_world_body
         self._waiting: deque[tuple[float, Vector]] = deque(maxlen=16)  # boot time, world position
         self._last_stamp_s = float("-inf")
+        self.position_stamp_s = float("-inf")
+        """When the last position was true, in our clock."""
 
     def hear(self, packet: Attitude | LocalPosition, arrival_s: float) -> tuple[list[StampedPose], bool]:
         """Take one message; return the poses it completes, oldest first, and whether the autopilot has rebooted."""
@@ -49,6 +51,7 @@ class PoseTrack:
                     self._attitudes.append((boot_s, R_world_body(roll, pitch, yaw)))
             case LocalPosition(position_ned_m=position):
                 self._waiting.append((boot_s, self._frame.world(position)))
+                self.position_stamp_s = self.clock.stamp_s(boot_s)
         return self._completed(), rebooted
 
     def _completed(self) -> list[StampedPose]:

@@ -56,6 +56,7 @@ class Telemetry:
     gimbal_s: float = _NEVER_S
     position_m: Vector | None = None
     position_s: float = _NEVER_S
+    """When it was there by its own clock: a link may hold messages back and go on delivering them, seconds old."""
     velocity_m_s: Vector = (0.0, 0.0, 0.0)
     yaw_rad: float | None = None
     jump_m: float = 0.0
@@ -140,7 +141,7 @@ class Telemetry:
         self._poses += poses
         match packet:
             case LocalPosition(position_ned_m=position, velocity_ned_m_s=(north, east, down)):
-                self._place(self.frame.world(position), now_s)
+                self._place(self.frame.world(position), min(now_s, self._track.position_stamp_s))
                 self.velocity_m_s = (east, north, -down)
             case Attitude(yaw_rad=yaw):
                 self.yaw_rad = yaw_enu_from_ned(yaw)
@@ -148,13 +149,13 @@ class Telemetry:
             self.global_origin = self.version = self.estimator = self.gimbal = None
         return rebooted
 
-    def _place(self, position_m: Vector, now_s: float) -> None:
+    def _place(self, position_m: Vector, stamp_s: float) -> None:
         self.jump_m = 0.0
         if self.position_m is not None:
             moved_m = math.dist(position_m, self.position_m)
-            possible_m = _JUMP_M + _FASTEST_M_S * (now_s - self.position_s)
+            possible_m = _JUMP_M + _FASTEST_M_S * max(0.0, stamp_s - self.position_s)
             self.jump_m = moved_m if moved_m > possible_m else 0.0
-        self.position_m, self.position_s = position_m, now_s
+        self.position_m, self.position_s = position_m, stamp_s
 
     def _text(self, packet: StatusText) -> None:
         text = packet.text

@@ -67,7 +67,7 @@ class Watch:
         self._since_s: dict[str, float] = {}
         self._looked_s = self._listening_s = float("-inf")
         self.seen_from_outside_s = float("-inf")
-        """When a pose from outside was sent last."""
+        """When the last pose that was sent from outside was seen."""
 
     def begin(self) -> None:
         """Forget for how long anything has lasted: a flight begins."""
