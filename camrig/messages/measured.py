@@ -130,6 +130,8 @@ class DroneHealth:
     """Whether it takes hover points now."""
     begins: bool = False
     """Whether it will, once it has been taken over, is armed, has climbed."""
+    lands: bool = False
+    """Whether it is on its way down, by an operator's order or for a fault."""
     reason: str = ""
     """Why the last order ended otherwise than ordered, or what was done about a fault."""
     unfit: tuple[str, ...] = ()

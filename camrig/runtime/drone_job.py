@@ -39,13 +39,12 @@ class DroneJob:
     readings: Mailbox[DroneReading] = field(default_factory=lambda: Mailbox(READINGS_KEPT))
     commands: Mailbox[DroneAim] = field(default_factory=lambda: Mailbox(1))
     orders: Mailbox[Callable[[], None]] = field(default_factory=lambda: Mailbox(4))
-    landing: bool = False
-    """Whether an operator sent it to land, and nothing else since."""
     flight: FlightState | None = None
     """What it was last heard to do, over every loss of its link; None before it was first heard."""
     health: DroneHealth | None = None
     """How it was in the last turn, where its driver tells."""
     _wanted: threading.Event = field(default_factory=threading.Event)
+    _sent_to_land: bool = False
 
     @property
     def enabled(self) -> bool:
@@ -56,6 +55,11 @@ class DroneJob:
     def follows_plans(self) -> bool:
         """Whether plans may move it now."""
         return self.enabled and (self.health is None or self.health.obeys)
+
+    @property
+    def landing(self) -> bool:
+        """Whether an operator sent it to land, and nothing else since, or its driver lands it for a fault."""
+        return self._sent_to_land or (self.health is not None and self.health.lands)
 
     def open(self) -> None:
         self.commands.clear()
@@ -111,7 +115,7 @@ class DroneJob:
 
     def _start(self, order: Callable[[], None]) -> None:
         order()
-        self.landing = False
+        self._sent_to_land = False
         if not self._wanted.is_set():  # stopped since it was ordered: the stop has the last word
             self.drone.stop()
 
@@ -146,14 +150,14 @@ class DroneJob:
 
     def land(self) -> None:
         """Operator's order: land here; any thread."""
-        self.landing = True
+        self._sent_to_land = True
         self._wanted.clear()
         self.commands.clear()
         self.orders.put(self.drone.land)
 
     def stop(self) -> None:
         """Hold where it is and take no hover point until ``arm``; any thread."""
-        self.landing = False
+        self._sent_to_land = False
         self._wanted.clear()
         self.orders.clear()
         self.commands.clear()

@@ -259,6 +259,23 @@ def test_a_sick_drone_leaves_the_plans_in_the_turn_that_finds_it(
     assert job.follows_plans
 
 
+def test_a_drone_that_its_driver_lands_for_a_fault_counts_as_landing_until_it_is_stopped(
+    fake_drone: FakeDrone, manual_clock: ManualClock
+) -> None:
+    """A daemon that ends stops all drones but those: held with an empty battery, it would fall down."""
+    drone = Ailing(fake_drone)
+    job = DroneJob("d1", drone, manual_clock)
+    job.resume()
+    job.turn()
+    assert not job.landing
+    drone.told = DroneHealth("descending", obeys=False, lands=True, reason="battery at 15 %: it lands")
+    job.turn()
+    assert job.landing
+    job.stop()
+    job.turn()
+    assert not job.landing
+
+
 def test_a_take_off_that_comes_to_nothing_is_told(fake_drone: FakeDrone, manual_clock: ManualClock) -> None:
     drone = Ailing(fake_drone)
     job = DroneJob("d1", drone, manual_clock)

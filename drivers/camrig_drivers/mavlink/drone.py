@@ -164,6 +164,7 @@ class MavlinkDrone:
             activity=vehicle.phase.name.lower(),
             obeys=vehicle.phase is Phase.FLYING and not self._stopped,
             begins=vehicle.phase in {Phase.ENTERING, Phase.ARMING, Phase.CLIMBING},
+            lands=vehicle.phase in {Phase.LANDING, Phase.DESCENDING},
             reason=vehicle.reason,
             unfit=self._unfit(),
             advice=tuple(advice(vehicle)),
