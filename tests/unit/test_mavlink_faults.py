@@ -89,6 +89,25 @@ def test_what_holds_after_a_fault_goes_on_only_when_an_operator_says_so(flavour:
 
 
 @BOTH
+@pytest.mark.parametrize("away_m", [(-2.2, 0.0, 0.0), (0.0, 0.0, 4.0)], ids=["sideways", "too high"])
+def test_a_climb_that_leaves_its_box_is_landed(flavour: Flavour, away_m: tuple[float, float, float]) -> None:
+    """By and by, so that no jump tells."""
+    flight = Flight(flavour)
+    flight.run(2.0)
+    flight.vehicle.arm(flight.now_s)
+    assert flight.reaches(Phase.CLIMBING)
+    flight.copter.climb_to_m = flight.copter.target_m = None
+    for share in range(100):
+        x, y, z = (share / 100.0 * away for away in away_m)
+        flight.copter.bias_m = (x, y, z)
+        flight.copter.target_m = None
+        flight.copter.landed_state = 1
+        flight.advance(STEP_S)
+    assert flight.vehicle.phase in {Phase.LANDING, LAND, Phase.PASSIVE}
+    assert "outside its box: it lands" in flight.vehicle.reason
+
+
+@BOTH
 def test_positions_that_come_often_but_late_are_not_flown_by(flavour: Flavour) -> None:
     """A radio or an access point that queues: many positions a second, each older than the one before."""
     flight = flown(flavour)

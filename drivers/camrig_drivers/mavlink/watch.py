@@ -80,7 +80,7 @@ class Watch:
     def faults(self, seen: Telemetry, now_s: float, *, flying: bool) -> Iterator[Fault]:
         """Yield all that is wrong now; to be asked at every tick, for some of it must last a while.
 
-        ``flying``: it has come to its box.
+        ``flying``: it has come to its box; before, it may be below it.
         """
         if now_s - self._looked_s > DEAF_S:
             self._listening_s = now_s
@@ -90,8 +90,9 @@ class Watch:
             text = "its camera has given it no pose by anchors"
             yield from self._stale("vision", self.seen_from_outside_s, now_s, text)
         yield from self._estimate(seen, now_s)
+        yield from self._astray(seen, flying=flying)
         if flying:
-            yield from self._motion(seen, now_s)
+            yield from self._haste(seen, now_s)
         battery = seen.system.battery if seen.system else None
         low = battery is not None and battery < self._needs.battery
         if self._lasts("battery", LOW_S, now_s, holds=low):
@@ -106,12 +107,16 @@ class Watch:
         if seen.jump_m:
             yield Fault("jump", Action.HOLD, f"its position jumped by {seen.jump_m:.1f} m")
 
-    def _motion(self, seen: Telemetry, now_s: float) -> Iterator[Fault]:
+    def _astray(self, seen: Telemetry, *, flying: bool) -> Iterator[Fault]:
         if seen.position_m is not None:
-            sides = zip(*self._spec.box_m, seen.position_m, strict=True)
-            outside_m = max(max(low - value, value - high) for low, high, value in sides)
-            if outside_m > OUTSIDE_M:
-                yield Fault("box", Action.LAND, f"it is {outside_m:.1f} m outside its box")
+            sides = list(zip(*self._spec.box_m, seen.position_m, strict=True))
+            outside_m = [max(low - value, value - high) for low, high, value in sides]
+            if not flying:
+                outside_m[2] = sides[2][2] - sides[2][1]
+            if max(outside_m) > OUTSIDE_M:
+                yield Fault("box", Action.LAND, f"it is {max(outside_m):.1f} m outside its box")
+
+    def _haste(self, seen: Telemetry, now_s: float) -> Iterator[Fault]:
         speed_m_s = math.hypot(*seen.velocity_m_s)
         fast = speed_m_s > 2.0 * self._spec.speed_m_s + HASTE_M_S
         if self._lasts("haste", HASTE_S, now_s, holds=fast):
