@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import pytest
 
 from camrig_drivers.mavlink.flavours import ARDUCOPTER, PX4, Flavour
-from camrig_drivers.mavlink.packets import Command
+from camrig_drivers.mavlink.packets import Command, Estimator
 from camrig_drivers.mavlink.phase import Phase
 from camrig_drivers.mavlink.section import VehicleSettings
 from camrig_drivers.mavlink.watch import Needs
@@ -141,6 +141,17 @@ def test_low_battery_for_a_moment_of_thrust_is_no_fault(flavour: Flavour) -> Non
     flight.copter.battery = 0.5
     flight.run(3.0)
     assert flight.vehicle.phase is Phase.FLYING
+
+
+def test_one_bad_word_of_the_estimator_is_no_fault_however_long_the_next_one_takes() -> None:
+    flight = flown(ARDUCOPTER)
+    watch, seen = flight.vehicle.watch, flight.vehicle.seen
+    since_s = flight.now_s
+    seen.hear(Estimator(HEALTHY, 1.7), since_s)
+    for step in range(30):
+        assert "estimator" not in {fault.name for fault in watch.faults(seen, since_s + 0.025 * step, flying=True)}
+    seen.hear(Estimator(HEALTHY, 1.7), since_s + 0.8)
+    assert "estimator" in {fault.name for fault in watch.faults(seen, since_s + 0.8, flying=True)}
 
 
 @BOTH

@@ -43,7 +43,7 @@ def test_opening_says_who_we_are_and_asks() -> None:
     assert {message.get_srcSystem() for message in messages} == {255}
     assert {message.get_srcComponent() for message in messages} == {190}
     intervals = {m.param1: m.param2 for m in messages if m.get_type() == "COMMAND_LONG"}
-    assert intervals == {30.0: 50_000.0, 32.0: 50_000.0, 245.0: 200_000.0, 1.0: 500_000.0, 193.0: 500_000.0, 148.0: 0.0}
+    assert intervals == {30.0: 50_000.0, 32.0: 50_000.0, 245.0: 200_000.0, 1.0: 500_000.0, 193.0: 200_000.0, 148.0: 0.0}
     commands = [m for m in messages if m.get_type() == "COMMAND_LONG"]
     assert {(m.command, m.target_system, m.target_component) for m in commands} == {(511, 1, 1), (512, 1, 1)}
     asked = {m.param_id for m in messages if m.get_type() == "PARAM_REQUEST_READ"}

@@ -34,7 +34,7 @@ class Streams:
             LocalPosition: (32, pose_hz),
             ExtendedState: (245, 5.0),
             SystemStatus: (1, 2.0),
-            Estimator: (flavour.estimator_message, 2.0),
+            Estimator: (flavour.estimator_message, 5.0),
         }
         if gimbal:
             self._wanted[GimbalAttitude] = (285, 10.0)

@@ -20,7 +20,7 @@ STALE_S = 0.5
 LOST_S = 1.5
 """For so long: land."""
 SICK_S = 0.5
-"""An estimator that says for so long that it does not know: land."""
+"""An estimator that says for so long, from message to message, that it does not know: land."""
 LOW_S = 2.0
 """A battery that is low for so long, not for a burst of thrust: land."""
 MAX_RATIO = 1.0
@@ -102,7 +102,7 @@ class Watch:
 
     def _estimate(self, seen: Telemetry, now_s: float) -> Iterator[Fault]:
         trouble = estimator_trouble(seen, now_s)
-        if self._lasts("estimator", SICK_S, now_s, holds=bool(trouble)):
+        if self._lasts("estimator", SICK_S, seen.estimator_s, holds=bool(trouble)):
             yield Fault("estimator", Action.LAND, trouble)
         if seen.jump_m:
             yield Fault("jump", Action.HOLD, f"its position jumped by {seen.jump_m:.1f} m")
