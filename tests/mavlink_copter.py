@@ -64,6 +64,7 @@ class Copter:
     mode: int = 0
     armed: bool = False
     landed_state: int = 1
+    tells_landed: bool = True
     accepts_arming: bool = True
     deaf: bool = False
     silent: bool = False
@@ -217,7 +218,8 @@ class Copter:
                 east, north, up = self.reported_m_s or self.velocity_m_s
                 yield LocalPosition(boot_ms, ned_from_world(self.estimate_m, ORIGIN_M), (north, east, -up))
         if step % 20 == 0:
-            yield ExtendedState(self.landed_state)
+            if self.tells_landed:
+                yield ExtendedState(self.landed_state)
             prearm, fence = 0x10000000, 0x100000
             healthy = prearm * self.prearm_ok | fence * self.fence_ok
             yield SystemStatus(prearm | fence, prearm | fence, healthy, self.battery)

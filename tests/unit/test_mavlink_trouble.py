@@ -177,6 +177,14 @@ def test_fitness_needs_fresh_heartbeat_and_position() -> None:
     assert "heartbeat" in "; ".join(unfit(flight.vehicle, flight.now_s + 4.0))
 
 
+def test_on_the_ground_of_long_ago_is_not_believed_of_a_drone_that_a_pilot_may_have_taken_up() -> None:
+    flight = Flight(ARDUCOPTER)
+    flight.run(2.0)
+    flight.copter.tells_landed, flight.copter.armed = False, True
+    flight.run(3.5)
+    assert "EXTENDED_SYS_STATE" in "; ".join(unfit(flight.vehicle, flight.now_s))
+
+
 def test_long_texts_are_joined_from_their_chunks() -> None:
     flight = Flight(PX4)
     for packet in [StatusText(2, "x" * 50, 7, 0), StatusText(2, "y" * 50, 7, 1), StatusText(2, "end\t", 7, 2)]:

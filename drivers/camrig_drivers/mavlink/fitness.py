@@ -14,6 +14,7 @@ from camrig_drivers.mavlink.watch import STALE_S, Needs, estimator_trouble
 
 BOX_MARGIN_M = 0.5
 """How far outside its box a drone may start: it then moves inside."""
+_FRESH_LANDED_S = 3.0
 _LOWEST_GROUND_M = -1.5
 """PX4 has read 489 m on the ground after a change of estimator; every set-point in the room is a climb then."""
 _RESERVE = 0.1
@@ -59,7 +60,8 @@ def _unknown(name: str, seen: Telemetry, now_s: float) -> Iterator[str]:
             f"{name} reports no local position; give it GPS or an external pose and wait for its estimator, "
             "and see that it takes commands from this link"
         )
-    if not seen.on_ground and not seen.airborne:
+    stale = seen.landed_state != 0 and now_s - seen.landed_state_s > _FRESH_LANDED_S
+    if stale or not (seen.on_ground or seen.airborne):
         yield "it does not say whether it flies (EXTENDED_SYS_STATE); wait, then try again"
     if seen.version is not None and not seen.version.takes_local_targets:
         yield f"{name} {seen.version.number} does not take local position targets; update its firmware"

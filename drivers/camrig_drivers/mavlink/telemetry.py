@@ -47,6 +47,7 @@ class Telemetry:
     heartbeat: Heartbeat
     heartbeat_s: float
     landed_state: int = 0
+    landed_state_s: float = _NEVER_S
     system: SystemStatus | None = None
     version: Version | None = None
     estimator: Estimator | None = None
@@ -75,7 +76,7 @@ class Telemetry:
             case Heartbeat():
                 self.heartbeat, self.heartbeat_s = packet, now_s
             case ExtendedState(landed_state=landed_state):
-                self.landed_state = landed_state
+                self.landed_state, self.landed_state_s = landed_state, now_s
             case SystemStatus():
                 self.system = packet
             case StatusText():
@@ -147,6 +148,7 @@ class Telemetry:
                 self.yaw_rad = yaw_enu_from_ned(yaw)
         if rebooted:
             self.global_origin = self.version = self.estimator = self.gimbal = None
+            self.landed_state = 0
         return rebooted
 
     def _place(self, position_m: Vector, stamp_s: float) -> None:
