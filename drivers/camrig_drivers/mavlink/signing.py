@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 _EPOCH_S = 1_420_070_400
 """2015-01-01, from which stamps count in units of 10 us."""
 _UNITS_PER_S = 100_000
-_RESERVED = 60 * _UNITS_PER_S
+_RESERVED = 15 * _UNITS_PER_S
 _KEY_BYTES = 32
 
 
@@ -52,7 +52,7 @@ def state_folder() -> Path:
 
 
 class Signing:
-    """What a link signs with. ``begin`` raises InputError where the stamp cannot be kept.
+    """What a link signs with. The first ``begin`` raises InputError where the stamp cannot be kept.
 
     A disk that fills up later ends no flight: stamps still ascend, and what was kept matters only to the next session
     of a clock that was set back.
@@ -67,21 +67,30 @@ class Signing:
         self._store = (folder or state_folder()) / f"mavlink-signing-{link_id}"
         self._wall_s = wall_s
         self._limit = 0
+        self._last = 0
 
     def begin(self) -> int:
-        """Read the key anew; return a stamp above all that this link has used."""
+        """Read the key anew; return a stamp above all that this link has used.
+
+        Only the first time does that go by what is kept: a link that is opened again and again while its vehicle is
+        switched off must not run ahead, for whoever is a minute behind is not heard.
+        """
         self.key = read_key(self.key_file)
+        if not self._last:
+            kept = self._kept()
+            self._keep(max(self._now(), kept) + _RESERVED)
+            self._last = kept
+        return self.stamp(self._last + 1)
+
+    def _kept(self) -> int:
         try:
-            kept = int(self._store.read_text("ascii"))
+            return int(self._store.read_text("ascii"))
         except (OSError, ValueError):
-            kept = 0
-        stamp = max(self._now(), kept)
-        self._keep(stamp + _RESERVED)
-        return stamp
+            return 0
 
     def stamp(self, at_least: int) -> int:
         """Return the stamp of the next frame: now, or ``at_least`` where that is later."""
-        stamp = max(self._now(), at_least)
+        self._last = stamp = max(self._now(), at_least)
         if stamp >= self._limit:
             try:
                 self._keep(stamp + _RESERVED)
