@@ -218,10 +218,11 @@ class Operator:
             raise HardwareError(f"drone {name} cannot be reached: {reason}")
 
     def _check_room(self, drone: str) -> None:
-        """Refuse a take-off beside a drone that flies."""
+        """Refuse a take-off beside a drone that flies, or is about to."""
         view = self.orders.view()
         places_m = {name: tuple(history.readings[-1].T_world_body[:3, 3].tolist()) for name, history in _told(view)}
-        grounded = {name for name, flight in view.state.flight.items() if flight is FlightState.GROUND}
+        climbing = {name for name, health in view.health.items() if health.begins}
+        grounded = {name for name, flight in view.state.flight.items() if flight is FlightState.GROUND} - climbing
         aloft_m = {name: place_m for name, place_m in places_m.items() if name not in grounded and name != drone}
         if drone in places_m and (reason := take_off_obstacle(drone, places_m[drone], aloft_m, view.rig)):
             raise HardwareError(f"drone {drone} is not armed: {reason}")

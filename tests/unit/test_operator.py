@@ -14,7 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camrig.geometry.pose import transform
-from camrig.messages import DroneReading, FlightState, HeadAim, LinkStatus, PlanStatus, RigPlan, TargetStatus
+from camrig.messages import (
+    DroneHealth,
+    DroneReading,
+    FlightState,
+    HeadAim,
+    LinkStatus,
+    PlanStatus,
+    RigPlan,
+    TargetStatus,
+)
 from camrig.pipeline import begin
 from camrig.rig import Rig
 from camrig.runtime.operator_status import EVENTS_KEPT, RecentEvents
@@ -122,12 +131,19 @@ def test_a_drone_out_of_reach_is_given_no_order_that_it_might_obey_later(command
     assert desk.done == []
 
 
-def test_no_drone_takes_off_beside_one_that_flies() -> None:
-    desk = Desk()
+@pytest.mark.parametrize(
+    ("does", "health"),
+    [
+        (FlightState.FLYING, DroneHealth("flying", obeys=True)),
+        (FlightState.GROUND, DroneHealth("arming", obeys=False, begins=True)),
+    ],
+)
+def test_no_drone_takes_off_beside_one_that_flies_or_is_about_to(does: FlightState, health: DroneHealth) -> None:
+    desk = Desk(health={"d2": health})
     second = replace(desk.rig.drones["d1"], id="d2")
     desk.rig = replace(desk.rig, drones={**desk.rig.drones, "d2": second})
     desk.link("d2", LinkStatus.UP)
-    for name, x_m, flight in (("d1", 1.0, FlightState.GROUND), ("d2", 2.0, FlightState.FLYING)):
+    for name, x_m, flight in (("d1", 1.0, FlightState.GROUND), ("d2", 2.0, does)):
         T = transform(np.eye(3), np.array([x_m, 1.0, 1.5]))
         histories = desk.state.histories.with_reading(DroneReading(name, 0.0, T, np.eye(6), flight))
         desk.state = replace(desk.state, histories=histories, flight={**desk.state.flight, name: flight})
