@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from camrig_drivers.mavlink.box import clamped
@@ -120,6 +122,13 @@ def test_vision_needs_what_the_page_says() -> None:
     said = "; ".join(unfit(flight.vehicle, flight.now_s))
     assert "EKF2_EV_CTRL is 1, set it to 11 (position, height and yaw)" in said
     assert "its camera sees no anchors" in said
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_value_that_is_no_number_is_a_mismatch_like_any_other(value: float) -> None:
+    parameters = Parameters(PX4, rules_of(PX4, vision=True))
+    parameters.hear(ParamValue("EKF2_EV_CTRL", value, 9))
+    assert any("EKF2_EV_CTRL is" in text for text in parameters.mismatches(needed=True))
 
 
 def test_the_nearest_point_of_the_box() -> None:

@@ -6,6 +6,7 @@ gone; none of them may climb or fly home through a room.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ def _at_most(limit: float) -> Callable[[float], bool]:
 
 
 def _bits(mask: int) -> Callable[[float], bool]:
-    return lambda value: int(value) & mask == mask
+    return lambda value: math.isfinite(value) and int(value) & mask == mask
 
 
 _ARDUPILOT = (
