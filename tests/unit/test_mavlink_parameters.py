@@ -22,7 +22,8 @@ DEFAULTS = [
     (ARDUCOPTER, "MAV_GCS_SYSID", 245.0, "parameter MAV_GCS_SYSID is 245, set it to 255 (camrig)"),
     (PX4, "COM_OBL_RC_ACT", 0.0, "parameter COM_OBL_RC_ACT is 0, set it to 4 (land) or 5 (hold)"),
     (PX4, "NAV_DLL_ACT", 0.0, "parameter NAV_DLL_ACT is 0, set it to 3 (land) or 1 (hold)"),
-    (PX4, "COM_OF_LOSS_T", 2.0, "parameter COM_OF_LOSS_T is 2, set it to at most 1 s"),
+    (PX4, "COM_OF_LOSS_T", 2.0, "parameter COM_OF_LOSS_T is 2, set it to 1 s"),
+    (PX4, "COM_OF_LOSS_T", 0.5, "parameter COM_OF_LOSS_T is 0.5, set it to 1 s"),
 ]
 
 

@@ -74,7 +74,9 @@ _PX4 = (
         ("COM_OBL_RC_ACT",), _is(4, 5), "4 (land) or 5 (hold)", "what it does when set-points end; 0 climbs and returns"
     ),
     Rule(("NAV_DLL_ACT",), _is(1, 3), "3 (land) or 1 (hold)", "what it does when camrig is gone"),
-    Rule(("COM_OF_LOSS_T",), _at_most(1.0), "at most 1 s", "when it misses set-points"),
+    Rule(
+        ("COM_OF_LOSS_T",), _is(1.0), "1 s", "when it misses set-points; camrig then sends no more, or it would resume"
+    ),
     Rule(("NAV_RCL_ACT",), _is(1, 3), "3 (land) or 1 (hold)", "losing a remote control means going home", needed=False),
     Rule(("COM_LOW_BAT_ACT",), _is(0, 2), "0 (warn) or 2 (land)", "a low battery means going home", needed=False),
     Rule(("GF_ACTION",), _is(0, 1, 2, 5), "2 (hold) or 5 (land)", "a breach means going home", needed=False),
