@@ -115,15 +115,11 @@ def test_a_busy_device_names_who_holds_it() -> None:
     command = [tool, "-d", path_of(2), "--stream-mmap", "--stream-count=0"]
     made = camera(2)
 
-    def open_and_close() -> None:
-        until_s = time.monotonic() + 20.0
-        while time.monotonic() < until_s:  # the other has yet to begin
-            made.open()
-            made.close()
-
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as other:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as other:
         try:
-            error = lost(open_and_close)
+            assert other.stdout is not None
+            assert other.stdout.read(1), "it tells every frame by a sign, and told none"
+            error = lost(made.open)
         finally:
             other.kill()
     assert error.loss is LinkLoss.BUSY
