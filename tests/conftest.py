@@ -16,6 +16,7 @@ import pytest
 from hypothesis import settings
 
 import camrig
+from camrig.geometry.jit import forget_outdated
 
 # No example is judged by the clock: the first may compile a kernel, and the machine is shared. Exploration is for
 # people: where a run decides whether a change lands, every run draws the same examples.
@@ -27,23 +28,13 @@ _GRACE_S = 2.0
 
 _COMPILE = "from camrig.optimise import PlannerSettings, warm_up; warm_up(PlannerSettings(visibility='image'))"
 
-KERNELS = ("geometry", "sensing", "optimise/kernels")
-"""The folders of the package that hold compiled functions."""
-
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Throw away compiled kernels that are older than any kernel's source.
-
-    numba keeps each by the stamp of its own file: a change in a function of another file that it calls goes unnoticed,
-    and what was tested would be the old code. Not in a worker of pytest-xdist: others may be compiling by then.
-    """
+    """Compile the kernels before the workers of pytest-xdist start, where they are not compiled or outdated."""
     if hasattr(config, "workerinput"):
         return
+    forget_outdated(elsewhere=os.environ.get("NUMBA_CACHE_DIR", ""))
     package = Path(camrig.__file__).parent
-    newest = max(source.stat().st_mtime for part in KERNELS for source in (package / part).rglob("*.py"))
-    for kept in package.rglob("__pycache__/*.nb?"):
-        if kept.stat().st_mtime < newest:
-            kept.unlink(missing_ok=True)
     if config.getoption("numprocesses", None) and not any(package.rglob("__pycache__/*.nbi")):
         # Once, before the workers: each would compile all of it, and daemons under test wait for a plan meanwhile.
         subprocess.run([sys.executable, "-c", _COMPILE], check=True)

@@ -16,7 +16,7 @@ import sysconfig
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.conftest import KERNELS
+from camrig.geometry.jit import KERNELS
 from tests.vm.image import CACHE
 
 SHARE = CACHE / "camrig"
