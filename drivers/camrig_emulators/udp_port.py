@@ -1,111 +1,39 @@
-"""The UDP port of an emulated device: one thread between a socket and the protocol, and the faults of the link."""
+"""The UDP port of an emulated device."""
 
 from __future__ import annotations
 
 import contextlib
-import os
-import random
 import selectors
 import socket
-import threading
-from typing import Protocol
 
-from camrig.clock import Clock
-from camrig.errors import InputError
-from camrig_emulators.delayed import Address, Datagram, Delayed
-from camrig_emulators.faults import Faults
+from camrig_emulators.socket_port import DatagramDevice, SocketPort
 
 _DATAGRAM_BYTES = 2048
-_LONGEST_WAIT_S = 0.1
 _READ_AT_ONCE = 64  # so that a flood does not keep telemetry waiting
 
 
-class DatagramDevice(Protocol):
-    """What sits behind the port; called by the port's thread, under its lock."""
+class UdpPort(SocketPort[DatagramDevice]):
+    """Serves one protocol by datagrams: it answers whoever speaks to it."""
 
-    def receive(self, now_s: float, address: Address, data: bytes) -> list[Datagram]:
-        """Take one datagram; return what is said at once."""
-        ...
+    kind = "UDP"
 
-    def poll(self, now_s: float) -> list[Datagram]:
-        """Return what is due by now."""
-        ...
-
-    def next_due_s(self, now_s: float) -> float:
-        """Return when ``poll`` should be called next; infinity for not before it is spoken to."""
-        ...
-
-
-class UdpPort:
-    """Serves one protocol on a port of 127.0.0.1 until ``close``; ``lock`` guards the protocol and what it moves."""
-
-    def __init__(
-        self,
-        name: str,
-        protocol: DatagramDevice,
-        lock: threading.Lock,
-        clock: Clock,
-        faults: Faults,
-        seed: int,
-        port: int = 0,
-    ) -> None:
-        """``port`` 0 takes a free one. Raises InputError for one that is taken."""
-        self._protocol = protocol
-        self._lock = lock
-        self._clock = clock
-        self._faults = faults
-        self._rng = random.Random(seed)
-        self._late = Delayed()
+    @staticmethod
+    def _opened(port: int) -> socket.socket:
+        opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        opened.setblocking(False)
         try:
-            opened = _bound(port)
-        except OSError as error:
-            raise InputError(f"UDP port {port} of 127.0.0.1: {error.strerror}; give another one, or 0") from error
-        self.port: int = opened.getsockname()[1]
-        self._socket: socket.socket | None = opened
-        self._wake_read, self._wake_write = os.pipe()
-        os.set_blocking(self._wake_read, False)
-        self._stopping = threading.Event()
-        faults.watch(self._wake)
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
+            opened.bind(("127.0.0.1", port))
+        except OSError:
+            opened.close()
+            raise
+        return opened
 
-    def close(self) -> None:
-        """Stop the thread and release the port."""
-        self._stopping.set()
-        self._wake()
-        self._thread.join()
-        wake_write, self._wake_write = self._wake_write, -1
-        os.close(wake_write)
-        os.close(self._wake_read)
-
-    def _wake(self) -> None:
-        with contextlib.suppress(OSError):  # a fault may be set after the end
-            os.write(self._wake_write, b"!")
-
-    def _run(self) -> None:
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._wake_read, selectors.EVENT_READ)
-            if self._socket is not None:
-                selector.register(self._socket, selectors.EVENT_READ)
-            while not self._stopping.is_set():
-                self._plug(selector)
-                self._listen()
-                self._speak()
-                selector.select(self._wait_s())
-                with contextlib.suppress(BlockingIOError):
-                    os.read(self._wake_read, 1024)
-        if self._socket is not None:
-            self._socket.close()
-
-    def _plug(self, selector: selectors.BaseSelector) -> None:
-        if self._faults.plugged and self._socket is None:
-            self._socket = _bound(self.port)
-            selector.register(self._socket, selectors.EVENT_READ)
-        elif not self._faults.plugged and self._socket is not None:
-            selector.unregister(self._socket)
-            self._socket.close()
-            self._socket = None
-            self._late.clear()
+    def _turn(self, selector: selectors.BaseSelector) -> None:
+        self._listen()
+        for address, data in self._due():
+            if self._socket is not None and not self._faults.silent:
+                with contextlib.suppress(OSError):  # datagrams may be lost
+                    self._socket.sendto(self._faults.spoil(data, self._rng), address)
 
     def _listen(self) -> None:
         for _ in range(_READ_AT_ONCE):
@@ -115,35 +43,4 @@ class UdpPort:
                 data, address = self._socket.recvfrom(_DATAGRAM_BYTES)
             except OSError:  # nothing more to read, or a peer that is gone
                 return
-            with self._lock:
-                out = self._protocol.receive(self._clock.now_s(), address, self._faults.spoil(data, self._rng))
-            self._post(out)
-
-    def _speak(self) -> None:
-        with self._lock:
-            out = self._protocol.poll(self._clock.now_s())
-        self._post(out)
-        for address, data in self._late.due(self._clock.now_s()):
-            if self._socket is not None and not self._faults.silent:
-                with contextlib.suppress(OSError):  # datagrams may be lost
-                    self._socket.sendto(self._faults.spoil(data, self._rng), address)
-
-    def _post(self, datagrams: list[Datagram]) -> None:
-        self._late.post(datagrams, self._clock.now_s() + self._faults.latency_s)
-
-    def _wait_s(self) -> float:
-        now_s = self._clock.now_s()
-        with self._lock:
-            due_s = min(self._protocol.next_due_s(now_s), self._late.next_s())
-        return max(0.0, min(_LONGEST_WAIT_S, due_s - now_s))
-
-
-def _bound(port: int) -> socket.socket:
-    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    opened.setblocking(False)
-    try:
-        opened.bind(("127.0.0.1", port))
-    except OSError:
-        opened.close()
-        raise
-    return opened
+            self._hear(address, data)

@@ -8,7 +8,7 @@ from collections import deque
 
 from camrig_emulators.delayed import Address, Delayed
 from camrig_emulators.faults import Faults
-from camrig_emulators.udp_port import DatagramDevice
+from camrig_emulators.socket_port import DatagramDevice
 
 SERIAL: Address = ("serial", 0)
 """Whoever is at the other end."""
