@@ -14,7 +14,7 @@ from camrig.optimise.scene import DronePlace, HeadPlace, PlannerSettings, Scene,
 
 
 def warm_up(settings: PlannerSettings) -> None:
-    """Plan a head and a drone over two tags, thoroughly and quickly: about a minute, once after an installation."""
+    """Plan a head and a drone over two tags, thoroughly and quickly: about two minutes, once after an installation."""
     lens = BrownLens((1280, 720), (900.0, 900.0), (640.0, 360.0))
     kinematics, down = PanTilt(transform(np.eye(3), np.array([0.0, 0.0, 2.5]))), -math.pi / 2.0
     head = HeadPlace(kinematics, transform(R_MOUNT_OPTICAL, np.zeros(3)), (-math.pi, math.pi), (down, 0.0))

@@ -53,7 +53,7 @@ def deploy() -> None:
         for kept in _SITE.rglob("__pycache__/*.nb?"):
             kept.unlink()
     if not next(_SITE.rglob("__pycache__/*.nbc"), None):
-        print("compiling the planner's kernels for the VM: about a minute", flush=True)
+        print("compiling the planner's kernels for the VM: some minutes", flush=True)
     _run("from camrig.optimise import PlannerSettings, warm_up; warm_up(PlannerSettings(visibility='image'))")
     _lay_out_kernels()
     _run("import compileall, sys; compileall.compile_dir(sys.path[0], quiet=2)")
