@@ -15,7 +15,9 @@ import numpy as np
 
 from camrig.geometry.airspace import flight_box
 from camrig.geometry.lens import BrownLens
-from camrig.messages import DroneAim, DroneCommand, RigPose
+from camrig.messages import DroneAim, DroneCommand, DroneReading
+from camrig.pipeline.state import Inputs, begin
+from camrig.pipeline.watch import rig_pose, take_readings
 from camrig.rig import CameraSpec, DroneMount, DroneSpec, Rig, Space
 from camrig.steer import SteerSettings, SteerState, steer, take_off_obstacle
 from camrig_drivers.mavlink.fitness import unfit
@@ -131,6 +133,7 @@ class Flights:
         for member in self.members:
             member.copter.gain_hz = 1.0
         self.state = SteerState()
+        self.known = begin(self.now_s)
         self.steps = 0
         self.acted = 0
 
@@ -164,8 +167,12 @@ class Flights:
         member.ceiling_m = math.inf if name in {"arm", "resume"} else self._ceiling(member)
 
     def _obstacle(self, member: Member) -> str:
-        seen = [(other.name, other.flight.vehicle.seen) for other in self.members if other is not member]
-        aloft_m = {name: it.position_m for name, it in seen if it.position_m and not it.on_ground}
+        aloft_m: dict[str, Vector] = {}
+        for other in self.members:
+            vehicle = other.flight.vehicle
+            needs_room = vehicle.phase in BEGINNING or not vehicle.seen.on_ground
+            if other is not member and vehicle.seen.position_m and needs_room:
+                aloft_m[other.name] = vehicle.seen.position_m
         return take_off_obstacle(member.name, member.copter.position_m, aloft_m, self.rig)
 
     def fault(self, name: str, member: Member, duration_s: float) -> None:
@@ -200,20 +207,18 @@ class Flights:
                 FAULTS[name].ends(member.copter)
 
     def _steer(self) -> None:
-        now_s, drones, aloft, movable, goals = self.now_s, {}, {}, set(), {}
+        now_s, goals = self.now_s, {}
+        readings: list[DroneReading] = []
         for i, member in enumerate(self.members):
-            vehicle, place_m = member.flight.vehicle, member.flight.vehicle.seen.position_m
-            if place_m is None or vehicle.seen.on_ground:
-                continue
-            if vehicle.seen.position_fresh(now_s) and vehicle.phase not in BEGINNING:
-                drones[member.name] = DroneAim(place_m)
-            else:
-                aloft[member.name] = DroneAim(place_m)
+            vehicle = member.flight.vehicle
+            readings += vehicle.report.readings
+            vehicle.report.readings.clear()
             if vehicle.phase is Phase.FLYING:
-                movable.add(f"c{i}")
                 goals[f"c{i}"] = DroneAim(member.goal_m)
-        pose = RigPose(drones=drones, aloft=aloft)
-        self.state, commands = steer(self.state, goals, pose, frozenset(movable), self.rig, SETTINGS, now_s)
+        sent_up = frozenset(member.name for member in self.members if member.flight.vehicle.phase in BEGINNING)
+        self.known, _ = take_readings(self.known, Inputs(drone_readings=tuple(readings)), self.rig)
+        pose = rig_pose(self.known, now_s, sent_up)
+        self.state, commands = steer(self.state, goals, pose, frozenset(goals), self.rig, SETTINGS, now_s)
         for command in commands:
             assert isinstance(command, DroneCommand)
             member = self.members[int(command.drone_id[1:])]

@@ -154,4 +154,4 @@ class RigPose:
     drones: Mapping[str, DroneAim] = field(default_factory=dict)
     """Drones that fly."""
     aloft: Mapping[str, DroneAim] = field(default_factory=dict)
-    """The other drones that are not on the ground, where they were last: taking off, landing, not heard of."""
+    """The other drones that need room, where they were last: sent up, taking off, landing, not heard of."""

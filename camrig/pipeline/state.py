@@ -47,6 +47,8 @@ class Inputs:
     answer: PlannerAnswer | None = None
     enabled: frozenset[str] = frozenset()
     """Heads that may move, and drones that obey us."""
+    begin: frozenset[str] = frozenset()
+    """Drones that an operator has sent up: still on the ground, each needs the room above its place already."""
     events: tuple[Event, ...] = ()
 
 

@@ -64,7 +64,7 @@ def _link_event(report: LinkReport, state: State, rig: Rig) -> Event:
 
 def knowledge(state: State, targets: tuple[Target, ...], inputs: Inputs, rig: Rig, now_s: float) -> Knowledge:
     """Return what the mission and the steering decide by."""
-    pose = rig_pose(state, now_s)
+    pose = rig_pose(state, now_s, inputs.begin)
     aims: dict[str, Aim] = {}
     movable, usable = set(), set()
     for camera in rig.cameras.values():
@@ -81,8 +81,11 @@ def knowledge(state: State, targets: tuple[Target, ...], inputs: Inputs, rig: Ri
     return Knowledge(targets, aims, pose, frozenset(movable), frozenset(usable), complete)
 
 
-def rig_pose(state: State, now_s: float) -> RigPose:
-    """Return where heads and drones are now, as far as recent readings tell, and where else a drone is in the air."""
+def rig_pose(state: State, now_s: float, begin: frozenset[str] = frozenset()) -> RigPose:
+    """Return where heads and drones are now, as far as recent readings tell, and where else a drone is in the air.
+
+    Drones in ``begin`` count as in the air: from the order to lift-off another could fly over the place.
+    """
     heads: dict[str, HeadAim] = {}
     for name, head in state.histories.heads.items():
         found = head.at(now_s)
@@ -94,7 +97,7 @@ def rig_pose(state: State, now_s: float) -> RigPose:
         placed = drone.at(now_s)
         if placed is not None and state.flight.get(name) is FlightState.FLYING:
             drones[name] = _drone_aim(placed[0])
-        elif drone.readings and drone.readings[-1].flight is not FlightState.GROUND:
+        elif drone.readings and (name in begin or drone.readings[-1].flight is not FlightState.GROUND):
             aloft[name] = _drone_aim(drone.readings[-1].T_world_body)
     return RigPose(heads, drones, aloft)
 

@@ -86,6 +86,7 @@ class Control:
             links=links,
             answer=self.planner.poll(),
             enabled=frozenset(job.name for job in actuators if job.follows_plans),
+            begin=frozenset(job.name for job in devices.drones.values() if job.begins),
             events=_all(mailbox.take_all() for mailbox in told),
         )
 

@@ -57,6 +57,11 @@ class DroneJob:
         return self.enabled and (self.health is None or self.health.obeys)
 
     @property
+    def begins(self) -> bool:
+        """Whether it was sent up, or is being taken over, and does not follow plans yet."""
+        return self.health is not None and self.health.begins
+
+    @property
     def landing(self) -> bool:
         """Whether an operator sent it to land, and nothing else since, or its driver lands it for a fault."""
         return self._sent_to_land or (self.health is not None and self.health.lands)

@@ -242,6 +242,7 @@ def test_a_sick_drone_leaves_the_plans_in_the_turn_that_finds_it(
     job.turn()
     job.arm()
     job.turn()
+    assert job.begins
     assert not job.follows_plans  # it climbs
     drone.told = DroneHealth("flying", obeys=True)
     job.turn()

@@ -68,6 +68,18 @@ def test_ten_thousand_flights(part: int) -> None:
     flights()
 
 
+def test_a_drone_under_way_keeps_clear_of_one_that_is_sent_up_while_that_still_stands_on_the_ground() -> None:
+    """PX4 takes two seconds from the order to lift-off; in that time the other one came within 0.70 m of it."""
+    events: list[Event] = [
+        (("order", "land", 0.0), 1, 3.0),
+        (("goal", "", 0.0), 0, 0.1),
+        (("goal", "", 0.0), 1, 3.0),
+        (("order", "arm", 0.0), 1, 3.0),
+        (("fault", "hang", 0.3), 0, 0.5),
+    ]
+    fly(713964479, events, armed=True)
+
+
 @pytest.mark.parametrize("name", sorted(FAULTS))
 @pytest.mark.parametrize("drawn", [1, 2])
 def test_every_fault_in_flight_is_acted_on(name: str, drawn: int) -> None:

@@ -103,6 +103,13 @@ def test_a_drone_that_is_not_on_the_ground_is_kept_clear_of(flight: FlightState)
     assert set(aloft) == (set() if flight is FlightState.GROUND else {"d1"})
 
 
+def test_a_drone_on_the_ground_that_was_sent_up_is_kept_clear_of() -> None:
+    grounded = all_up(flight=FlightState.GROUND)
+    sent_up = Inputs(enabled=OBEYING, begin=frozenset({"d1"}))
+    assert set(knowledge(grounded, (), sent_up, ROOM, NOW_S).pose.aloft) == {"d1"}
+    assert knowledge(grounded, (), replace(sent_up, begin=frozenset()), ROOM, NOW_S).pose.aloft == {}
+
+
 def test_a_flying_drone_that_is_not_heard_of_is_kept_clear_of_where_it_was_last() -> None:
     assert rig_pose(all_up(), NOW_S).aloft == {}
     lost = taken(all_up(), up("d1", status=LinkStatus.LOST))
