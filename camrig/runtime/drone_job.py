@@ -68,7 +68,10 @@ class DroneJob:
 
     def open(self) -> None:
         self.commands.clear()
-        self.orders.clear()
+        if self.orders.take_all():
+            self._wanted.clear()
+            self._sent_to_land = False
+            self._warn("what was ordered while its link was down is not carried out: order it again")
         self.drone.open()
 
     def turn(self) -> None:

@@ -178,6 +178,9 @@ def test_no_order_outlives_its_link(flyer: DroneJob, fake_drone: FakeDrone, manu
     manual_clock.advance(10.0)
     assert flight(flyer) is FlightState.GROUND
     assert fake_drone.commands == []
+    assert not flyer.enabled
+    (event,) = flyer.refusals.take_all()
+    assert "order it again" in event.text
 
 
 def test_what_was_in_the_air_when_its_link_was_lost_is_not_taken_to_have_landed(
