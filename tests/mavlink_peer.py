@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -107,6 +108,13 @@ def parameters() -> list[Any]:
         dialect.MAVLink_param_value_message(name.encode(), value, 9, len(table), index)
         for index, (name, value) in enumerate(table.items())
     ]
+
+
+def px4_parameters() -> list[Any]:
+    """Return what PX4 must have, as it tells it: an integer's bits in a float."""
+    told = [("COM_OBL_RC_ACT", struct.unpack("<f", struct.pack("<i", 4))[0], 6)]
+    told += [("NAV_DLL_ACT", struct.unpack("<f", struct.pack("<i", 3))[0], 6), ("COM_OF_LOSS_T", 1.0, 9)]
+    return [dialect.MAVLink_param_value_message(name.encode(), value, kind, 3, 0) for name, value, kind in told]
 
 
 def make_drone(url: str, clock: RealClock | None = None, **keys: Any) -> MavlinkDrone:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import os
 import termios
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -78,6 +79,12 @@ class Port:
         """Hand a whole frame to the line; raises LinkLost where it does not take it within 0.5 s."""
         with self._link("writing"):
             self._serial.write(frame)
+
+    def write_some(self, data: bytes) -> int:
+        """Hand to the line what it takes now; return how many bytes that was. Raises LinkLost."""
+        with self._link("writing"), suppress(BlockingIOError):
+            return os.write(self.fd, data)
+        return 0
 
     def read(self, size: int, timeout_s: float) -> bytes:
         """Block until ``size`` bytes came, ``timeout_s`` has passed or ``wake``; return what came."""

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
+import socket
 import threading
 import time
 from typing import Any
@@ -12,7 +15,8 @@ from pydantic import ValidationError
 
 from camrig.errors import HardwareError, LinkLost
 from camrig.messages import FlightState
-from camrig_drivers.mavlink import MavlinkSection, driver
+from camrig_drivers.mavlink import MavlinkDrone, MavlinkSection, driver
+from camrig_drivers.udp import UdpSocket
 from tests.mavlink_peer import (
     ARDUPILOT,
     NOT_AN_AUTOPILOT,
@@ -159,13 +163,42 @@ def test_three_seconds_without_heartbeat_is_a_lost_link() -> None:
             drone.read(0.0)
 
 
-def test_peer_that_goes_away_is_a_lost_link() -> None:
+def test_router_that_restarts_costs_nobody_his_flight_and_one_that_stays_away_is_a_lost_link() -> None:
+    """Its port is closed for a moment, and the kernel tells so at every word."""
     clock = LeapClock()
     with listening() as peer, opened(make_drone(url_of(peer), clock), peer) as drone:
+        port = peer.socket.getsockname()[1]
+        before = drone.health()
+        peer.heard(0.05)
         peer.socket.close()
         clock.ahead_s += 1.0  # the next heartbeat meets a closed port
-        with pytest.raises(LinkLost, match="refused"):
+        served(drone, 0.3)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again:
+            again.bind(("127.0.0.1", port))
+            restarted = Peer(again)
+            restarted.driver_address = peer.driver_address
+            restarted.say(heartbeat(), *telemetry(500))
+            assert len(drone.read(0.2)) == 1
+            assert before is not None
+        clock.ahead_s += 3.1
+        with pytest.raises(LinkLost, match="no heartbeat"):
             served(drone, 0.5)
+
+
+@pytest.mark.parametrize("number", [errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ENOBUFS])
+def test_a_network_that_is_down_for_a_moment_closes_no_port(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    with sending(port := free_port()) as peer, found(make_drone(f"udp://127.0.0.1:{port}"), peer) as drone:
+
+        def unreachable(self: UdpSocket, data: bytes, peer: tuple[str, int]) -> None:
+            raise OSError(number, os.strerror(number))
+
+        monkeypatch.setattr(UdpSocket, "send", unreachable)
+        drone.stop()
+        served(drone, 0.2)
+        monkeypatch.undo()
+        peer.heard(0.01)
+        peer.say(heartbeat(), *telemetry(700))
+        assert len(drone.read(0.2)) == 1
 
 
 def test_read_before_open_says_so() -> None:
@@ -215,6 +248,71 @@ def test_vehicle_that_restarts_on_another_port_is_found_again() -> None:
         restarted.say(heartbeat(), *telemetry(700))
         assert len(drone.read(0.2)) == 1
         assert restarted.heard()
+
+
+def test_the_seat_of_a_drone_that_was_lost_in_the_air_passes_to_no_other_aircraft() -> None:
+    clock, port = LeapClock(), free_port()
+    drone = make_drone(f"udp://127.0.0.1:{port}", clock)
+    in_the_air = (heartbeat(mode=4, armed=True), *telemetry(700, landed_state=2, height_m=1.5))
+    with sending(port) as peer, sending(port) as other, found(drone, peer):
+        peer.say(*in_the_air)
+        drone.read(0.1)
+        assert peer.heard()
+        clock.ahead_s += 2.7
+        other.say(heartbeat(), *telemetry(700))
+        with pytest.raises(LinkLost, match="two autopilots speak as system 1"):
+            served(drone, 0.2)
+        drone.close()
+
+        def speak(speaker: Peer) -> None:
+            for _ in range(4):
+                time.sleep(0.05)
+                speaker.say(heartbeat())
+            clock.ahead_s += 6.0
+
+        for _ in range(2):  # nor is it forgotten by opening once
+            thread = threading.Thread(target=speak, args=(other,))
+            thread.start()
+            with pytest.raises(LinkLost, match=r"was lost in flight, now one speaks at .*restart camrig"):
+                drone.open()
+            thread.join()
+        assert not other.heard(0.05)
+        peer.heard(0.01)
+        with found(drone, peer):
+            peer.say(*in_the_air)
+            assert drone.read(0.2)
+
+
+def test_a_drone_that_is_waited_for_keeps_no_other_from_its_orders() -> None:
+    """Two of three drones on one port are not there; opening waits five seconds for each."""
+    port = free_port()
+    section = MavlinkSection(url=f"udp://127.0.0.1:{port}")
+    sections = {name: section.model_copy(update={"system": i}) for i, name in enumerate("abc", 1)}
+    drones = driver.make({name: (SPEC, own) for name, own in sections.items()})
+    with sending(port) as peer, found(drones["a"], peer):
+        peer.say(heartbeat(mode=4, armed=True), *telemetry(1000, landed_state=2, height_m=1.5))
+        served(drones["a"])
+        openers = [threading.Thread(target=_open_in_vain, args=(drones[name],)) for name in "bc"]
+        for opener in openers:
+            opener.start()
+        time.sleep(0.2)
+        peer.heard(0.01)
+        started_s = time.monotonic()
+        drones["a"].stop()
+        stopped_s = time.monotonic() - started_s
+        drones["a"].land()
+        drones["a"].read(0.02)
+        read_s = time.monotonic() - started_s
+        assert 21 in [m.command for m in peer.heard(0.3) if m.get_type() == "COMMAND_LONG"]
+        for opener in openers:
+            opener.join()
+    assert stopped_s < 0.1
+    assert read_s < 1.0
+
+
+def _open_in_vain(drone: MavlinkDrone) -> None:
+    with pytest.raises(LinkLost, match="no heartbeat"):
+        drone.open()
 
 
 def test_two_drones_share_one_port_and_two_threads() -> None:

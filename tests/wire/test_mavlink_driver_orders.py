@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
+from camrig.clock import RealClock
 from camrig.errors import InputError, NotEnabledError
 from camrig.messages import BodyPose
-from camrig_drivers.mavlink import MavlinkDrone
+from camrig_drivers.mavlink import MavlinkDrone, MavlinkSection
+from camrig_drivers.mavlink.link import Link
 from tests.mavlink_peer import (
     GUIDED,
+    PX4,
+    SPEC,
     Peer,
     heartbeat,
     listening,
     make_drone,
     opened,
     parameters,
+    px4_parameters,
     served,
     telemetry,
     url_of,
@@ -115,6 +121,37 @@ def test_closing_twice_and_stopping_when_closed_are_allowed() -> None:
     drone.stop()
     drone.close()
     drone.close()
+
+
+class Interrupted(Link):
+    """A link on which a stop comes from another thread just before its worker's next word."""
+
+    stop: Callable[[], None] | None = None
+
+    def serve_now(self) -> None:
+        stop, self.stop = self.stop, None
+        if stop:
+            stop()
+        super().serve_now()
+
+
+def test_a_stop_in_the_midst_of_closing_does_not_keep_px4_from_being_left_in_hold() -> None:
+    with listening() as peer:
+        link = Interrupted(url_of(peer), RealClock())
+        drone = MavlinkDrone(SPEC, MavlinkSection(url=url_of(peer)), link)
+        with opened(drone, peer, heartbeat(PX4)):
+            peer.say(*px4_parameters())
+            for boot_ms in range(1000, 2600, 100):
+                in_offboard = heartbeat(PX4, 0x60000, armed=True)
+                peer.say(in_offboard, *telemetry(boot_ms, landed_state=2, height_m=1.5))
+                served(drone, 0.02)
+                drone.resume()
+                served(drone, 0.08)
+            peer.heard(0.01)
+            link.stop = drone.stop
+            drone.close()
+            sent = [m for m in peer.heard(0.05) if m.get_type() == "COMMAND_LONG"]
+    assert (176, 4.0, 3.0) in [(m.command, m.param2, m.param3) for m in sent]
 
 
 def test_a_pose_by_anchors_is_on_the_wire_in_milliseconds() -> None:

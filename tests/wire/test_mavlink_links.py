@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import pty
+import select
 import socket
+import struct
+import termios
 import threading
 import time
 from collections.abc import Iterator
@@ -20,9 +24,10 @@ from camrig.errors import InputError, LinkLost
 from camrig_drivers.mavlink import MavlinkDrone, MavlinkSection, driver
 from camrig_drivers.mavlink.codec import Decoder, Encoder, Seals
 from camrig_drivers.mavlink.link import Link
-from camrig_drivers.mavlink.packets import Heartbeat, OwnHeartbeat, TimeSync
+from camrig_drivers.mavlink.packets import Heartbeat, OwnHeartbeat, PositionTarget, TimeSync
 from camrig_drivers.mavlink.section import SigningSection
 from camrig_drivers.mavlink.signing import Signing, read_key
+from camrig_drivers.mavlink.wire import SerialWire, TcpWire
 from tests.mavlink_peer import (
     SPEC,
     LeapClock,
@@ -38,6 +43,7 @@ from tests.mavlink_peer import (
 from tests.runtime_parts import until
 
 KEY = bytes(range(32))
+PEER = ("", 0)
 NOON_S = 1_800_000_000.0
 
 
@@ -117,6 +123,7 @@ def test_a_tcp_connection_that_ends_is_a_lost_link_and_comes_back() -> None:
     with tcp_server() as (url, streams, _):
         drone = make_drone(url)
         drone.open()
+        until(lambda: bool(streams))
         with socket.socket(fileno=os.dup(streams[0].fd)) as end:
             end.shutdown(socket.SHUT_RDWR)
         with pytest.raises(LinkLost, match="closed the connection"):
@@ -151,6 +158,96 @@ def test_a_serial_line_that_is_not_there_says_what_to_do() -> None:
     with pytest.raises(LinkLost, match="check the cable"):
         drone.open()
     drone.close()
+
+
+def test_a_serial_line_that_takes_nothing_blocks_nobody_and_lets_no_old_set_point_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A pty takes 18 kB and says that nothing waits; what its other end has not read stands for a UART's queue."""
+    master, slave = pty.openpty()
+    monkeypatch.setattr("camrig_drivers.mavlink.wire._waiting", lambda fd: _unread(master))
+    wire = SerialWire(os.ttyname(slave), 57600)
+    encoder = Encoder()
+    try:
+        longest_s = 0.0
+        for step in range(600):
+            started_s = time.monotonic()
+            wire.send(encoder.encode(PositionTarget((float(step), 0.0, 0.0), 0.0), (1, 1)), PEER)
+            longest_s = max(longest_s, time.monotonic() - started_s)
+        waited = _targets(master)
+        for step in (1000, 1001):
+            wire.send(encoder.encode(PositionTarget((float(step), 0.0, 0.0), 0.0), (1, 1)), PEER)
+        after = _targets(master, waited[1])
+    finally:
+        wire.close()
+        os.close(slave)
+        os.close(master)
+    assert longest_s < 0.1  # it has blocked for half a second
+    assert waited[0] == [float(step) for step in range(len(waited[0]))]
+    assert len(waited[0]) <= 20
+    assert after[0] == [1000.0, 1001.0]
+
+
+def test_a_serial_line_that_takes_nothing_for_seconds_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames that were begun are ended, however many pieces that takes."""
+    monkeypatch.setattr("camrig_drivers.mavlink.wire._UNTAKEN_S", 0.05)
+    master, slave = pty.openpty()
+    wire = SerialWire(os.ttyname(slave), 57600)
+    frames = [bytes([step % 256]) * 250 for step in range(150)]
+    try:
+        for frame in frames:
+            wire.send(frame, PEER)
+        heard = b"".join(os.read(master, 4096) for _ in iter(lambda: _unread(master) > 0, False))
+        wire.send(bytes(250), PEER)
+        while _unread(master):
+            heard += os.read(master, 4096)
+        whole, rest = divmod(len(heard), 250)
+        assert not rest
+        assert heard[: 250 * (whole - 1)] == b"".join(frames[: whole - 1])
+        for frame in frames:
+            wire.send(frame, PEER)
+        time.sleep(0.06)
+        with pytest.raises(LinkLost, match="check its flow control"):
+            wire.send(bytes(250), PEER)
+    finally:
+        wire.close()
+        os.close(slave)
+        os.close(master)
+
+
+def test_a_tcp_connection_that_stands_still_holds_no_more_than_a_moment_of_set_points() -> None:
+    with socket.socket() as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        wire = TcpWire("127.0.0.1", server.getsockname()[1])
+        end, _ = server.accept()
+        encoder = Encoder()
+        for step in range(1000):
+            wire.send(encoder.encode(PositionTarget((float(step), 0.0, 0.0), 0.0), (1, 1)), PEER)
+        time.sleep(0.1)
+        there = _unread(end.fileno())
+        end.settimeout(0.2)
+        received = 0
+        with contextlib.suppress(TimeoutError):
+            while data := end.recv(4096):
+                received += len(data)
+        wire.close()
+        end.close()
+    assert received - there <= 1024 + 300
+
+
+def _unread(fd: int) -> int:
+    return int(struct.unpack("i", fcntl.ioctl(fd, termios.FIONREAD, bytes(4)))[0])
+
+
+def _targets(fd: int, rest: dialect.MAVLink | None = None) -> tuple[list[float], dialect.MAVLink]:
+    parser = rest or dialect.MAVLink(None)
+    parser.robust_parsing = True
+    found: list[float] = []
+    while select.select([fd], [], [], 0.1)[0]:
+        found += [m.x for m in parser.parse_buffer(bytearray(os.read(fd, 4096))) or []]
+    return found, parser
 
 
 def test_timesync_is_asked_and_answered_with_the_clock_of_the_poses() -> None:

@@ -57,7 +57,7 @@ class MavlinkDrone:
         self._orders: deque[Order] = deque(maxlen=32)
         self._poses: deque[BodyPose] = deque(maxlen=4)
         self._vision: VisionPoses | None = None
-        self._stopped = False
+        self._stopped = self._releasing = False
         self._intruder = ""
         self._unknown_autopilot: int | None = None
 
@@ -142,13 +142,13 @@ class MavlinkDrone:
 
     def close(self) -> None:
         vehicle = self._vehicle
-        if vehicle is not None:
-            self._orders.append(Vehicle.release)
+        if vehicle is not None and not vehicle.seen.silent(self._clock.now_s()):
+            self._releasing = True
             with contextlib.suppress(LinkLost):
                 self._link.serve_now()
                 self._link.serve(_RELEASE_TIMEOUT_S, lambda: self._released(vehicle))
-        self._vehicle = None
         self._link.leave(self)
+        self._vehicle, self._releasing = None, False
 
     def take_pose(self, pose: BodyPose) -> None:
         if self._vision is not None:
@@ -181,6 +181,14 @@ class MavlinkDrone:
         if self._vehicle is not None:
             self._vehicle.hear(packet, now_s)
 
+    @property
+    def may_fly(self) -> bool:
+        vehicle = self._vehicle
+        if vehicle is None:
+            return False
+        commanded = vehicle.phase is not Phase.PASSIVE
+        return commanded or vehicle.seen.airborne or vehicle.seen.heartbeat.armed
+
     def intrude(self, what: str) -> None:
         """Refuse to go on, unless it flies: then its set-points go on to the address that it has always had."""
         first = not self._intruder
@@ -198,6 +206,9 @@ class MavlinkDrone:
         with contextlib.suppress(IndexError):
             while True:
                 self._orders.popleft()(vehicle, now_s)
+        if self._releasing:  # after all orders, whichever stop has come between
+            self._releasing = False
+            vehicle.release(now_s)
         return [*self._due_poses(vehicle, now_s), *vehicle.tick(now_s)]
 
     def _due_poses(self, vehicle: Vehicle, now_s: float) -> Iterator[Said]:
@@ -244,6 +255,8 @@ class MavlinkDrone:
                 "ArduPilot (3) and PX4 (12) can be flown"
             )
         refused = f"; {self._link.refused} frames were not signed with its key" if self._link.refused else ""
+        if self._intruder:
+            raise LinkLost(self._intruder)
         others = ", ".join(f"{a} component {b}" for a, b in self._link.strangers()) or "none"
         raise LinkLost(
             f"drone {self._spec.id}: no heartbeat of system {system} component {component} on {self._link.url} "
@@ -257,7 +270,7 @@ class MavlinkDrone:
 
     def _released(self, vehicle: Vehicle) -> bool:
         gone = vehicle.seen.silent(self._clock.now_s())
-        return gone or (not self._orders and vehicle.phase is not Phase.BRAKING)
+        return gone or (not self._orders and not self._releasing and vehicle.phase is not Phase.BRAKING)
 
     def _order(self, order: Order) -> None:
         self._orders.append(order)

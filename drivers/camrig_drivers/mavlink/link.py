@@ -22,8 +22,10 @@ from camrig_drivers.udp import Peer
 
 _HEARTBEAT_S = 1.0
 _MOVED_S = 2.5
-"""A vehicle silent for this long may come back from another port: it has been restarted."""
+"""A vehicle on the ground that is silent for this long may come back from another port: it has been restarted."""
 _MAX_PEERS = 16
+_TURN_S = 0.05
+"""For so long one thread serves before another one may."""
 
 
 class Station(Protocol):
@@ -33,6 +35,11 @@ class Station(Protocol):
 
     def hear(self, packet: Heard, now_s: float) -> None:
         """Take a packet of this vehicle."""
+        ...
+
+    @property
+    def may_fly(self) -> bool:
+        """Whether its vehicle may be in the air, as far as is known: then no other address speaks for it."""
         ...
 
     def intrude(self, what: str) -> None:
@@ -56,6 +63,8 @@ class _Seat:
     peer: Peer | None
     heard_s: float = 0.0
     rival: Peer | None = None
+    kept_for: Peer | None = None
+    """Where a vehicle spoke from when it was lost in the air."""
 
 
 class Link:
@@ -75,6 +84,7 @@ class Link:
         self._trouble = "it is closed"
         self._seats: dict[Address, _Seat] = {}
         self._strangers: set[Address] = set()
+        self._lost_in_flight: dict[Address, Peer] = {}
         self._seals = Seals()
         self._encoder = Encoder()
         self._decoders: dict[Peer, Decoder] = {}
@@ -86,7 +96,8 @@ class Link:
             if self._wire is None:
                 self._open()
             assert self._wire is not None
-            self._seats[station.key] = _Seat(station, self._wire.remote)
+            kept_for = None if self._wire.remote else self._lost_in_flight.get(station.key)
+            self._seats[station.key] = _Seat(station, self._wire.remote, kept_for=kept_for)
 
     def _open(self) -> None:
         self._seals = Seals(self._signing)
@@ -97,9 +108,13 @@ class Link:
         self._decoders.clear()
 
     def leave(self, station: Station) -> None:
-        """Forget a vehicle; twice is allowed."""
+        """Forget a vehicle, but not where one that may be in the air spoke from; twice is allowed."""
         with self._my_turn():
-            self._seats.pop(station.key, None)
+            seat = self._seats.pop(station.key, None)
+            if seat is not None and seat.peer is not None:
+                self._lost_in_flight.pop(station.key, None)
+                if station.may_fly:
+                    self._lost_in_flight[station.key] = seat.peer
             if not self._seats:
                 self._shut("it is closed")
 
@@ -120,17 +135,27 @@ class Link:
     def serve(self, timeout_s: float, enough: Callable[[], bool]) -> None:
         """Receive and send for all vehicles until ``enough``, at most ``timeout_s``; where another thread is doing
         it already, wait for it instead. Raises LinkLost.
+
+        Others get their turn in between: one that opens must not keep those that fly from their orders.
         """
         deadline_s = self._clock.now_s() + timeout_s
-        with self._my_turn(timeout_s) as mine, self._losing():
-            while mine:
-                if self._wire is None:
-                    raise LinkLost(f"{self.url}: {self._trouble}")
-                due_s = self._exchange(self._wire)
-                now_s = self._clock.now_s()
-                if enough() or now_s >= deadline_s:
-                    return
-                self._wire.wait(min(due_s, deadline_s) - now_s)
+        ended = False
+        while not ended:
+            with self._my_turn(max(0.0, deadline_s - self._clock.now_s())) as mine, self._losing():
+                ended = self._serve(deadline_s, enough) if mine else True
+
+    def _serve(self, deadline_s: float, enough: Callable[[], bool]) -> bool:
+        """Serve for one turn; return whether it is ``enough`` or the time is over."""
+        turn_s = self._clock.now_s() + _TURN_S
+        while self._wire is not None:
+            due_s = self._exchange(self._wire)
+            now_s = self._clock.now_s()
+            if enough() or now_s >= deadline_s:
+                return True
+            if now_s >= turn_s:
+                return False
+            self._wire.wait(min(due_s, deadline_s, turn_s) - now_s)
+        raise LinkLost(f"{self.url}: {self._trouble}")
 
     def wake(self) -> None:
         """Make the thread that serves look for orders now; any thread."""
@@ -217,20 +242,35 @@ class Link:
         self._strangers.add(address)
         for (system, _), seat in self._seats.items():
             if system == address[0]:
-                seat.station.intrude(f"component {address[1]} at {peer[0]}:{peer[1]}")
+                seat.station.intrude(f"component {address[1]} at {_text(peer)}")
 
     def _speaks_for(self, seat: _Seat, peer: Peer, now_s: float, *, autopilot: bool) -> bool:
-        """Whether a packet comes from the seat's vehicle; a heartbeat from a free or deserted seat takes it."""
+        """Whether a packet comes from the seat's vehicle; a heartbeat takes a free seat, or one deserted on the ground.
+
+        While the seat's vehicle may fly, who else speaks for it is another aircraft: set-points would move that one.
+        """
         if seat.peer == peer:
             if seat.rival is not None:
-                seat.station.intrude(f"the same component at {seat.rival[0]}:{seat.rival[1]}")
+                seat.station.intrude(f"the same component at {_text(seat.rival)}")
                 seat.rival = None
             return True
         if not autopilot:
             return False
-        if seat.peer is None or now_s - seat.heard_s > _MOVED_S:
+        if seat.peer is None and seat.kept_for not in {None, peer}:
+            seat.station.intrude(
+                f"one at {_text(seat.kept_for)} was lost in flight, now one speaks at {_text(peer)}; "
+                "if it is the same, restart camrig"
+            )
+            return False
+        if seat.peer is None or (now_s - seat.heard_s > _MOVED_S and not seat.station.may_fly):
             seat.peer, seat.rival = peer, None
             self._heartbeat_s = now_s
             return True
+        if now_s - seat.heard_s > _MOVED_S:
+            seat.station.intrude(f"the same component at {_text(peer)}")
         seat.rival = peer
         return False
+
+
+def _text(peer: Peer | None) -> str:
+    return f"{peer[0]}:{peer[1]}" if peer else "nowhere"

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import selectors
 import socket
+import struct
+import termios
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from camrig.errors import InputError
+from camrig.errors import InputError, LinkLost
 from camrig_drivers.serial_port import Port
 from camrig_drivers.udp import Endpoint, Peer, UdpSocket
 
@@ -23,8 +27,22 @@ _PIECE = 4096
 _PIECES = 64
 """Taken in a row: a flood must not keep us from sending."""
 _KERNEL_BYTES = 16_384
-"""What may wait in the kernel: a set-point that is sent late must not be sent at all."""
+_WAITING_S = 0.1
+_WAITING_BYTES = 1024
+"""More is not put behind what waits to be sent already: a set-point that is sent late must not be sent at all."""
 _UNTAKEN_MS = 3000
+_UNTAKEN_S = _UNTAKEN_MS / 1e3
+_PASSING = {
+    errno.ECONNREFUSED,
+    errno.ECONNRESET,
+    errno.EHOSTDOWN,
+    errno.EHOSTUNREACH,
+    errno.ENETDOWN,
+    errno.ENETUNREACH,
+    errno.ENOBUFS,
+    errno.EPERM,
+}
+"""A network, a neighbour or a firewall in trouble; the socket itself is sound."""
 
 
 class Wire(Protocol):
@@ -87,7 +105,36 @@ class WireUrl:
                 return TcpWire(self.place, self.port)
             case "serial":
                 return SerialWire(self.place, self.port)
-        return UdpSocket(Endpoint(self.scheme == "udp", self.place, self.port))
+        return UdpWire(Endpoint(self.scheme == "udp", self.place, self.port))
+
+
+class UdpWire(UdpSocket):
+    """A UDP port, which may serve many drones: once somebody was heard, what passes by itself closes it for nobody.
+
+    A network that is down for a moment, or a router that restarts, is silence; of that every drone judges by itself.
+    """
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        super().__init__(endpoint)
+        self._used = False
+
+    def received(self) -> Iterator[tuple[Peer, bytes]]:
+        with self._passing():
+            for peer, data in super().received():
+                self._used = True
+                yield peer, data
+
+    def send(self, data: bytes, peer: Peer) -> None:
+        with self._passing():
+            super().send(data, peer)
+
+    @contextlib.contextmanager
+    def _passing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            if not self._used or error.errno not in _PASSING:
+                raise
 
 
 class _Doorbell:
@@ -114,6 +161,11 @@ class _Doorbell:
         self._selector.close()
         self._woken.close()
         self._waker.close()
+
+
+def _waiting(fd: int) -> int:
+    """Return how many bytes the kernel has still to send (tty_ioctl(4) TIOCOUTQ, tcp(7) SIOCOUTQ: one number)."""
+    return int(struct.unpack("i", fcntl.ioctl(fd, termios.TIOCOUTQ, bytes(4)))[0])
 
 
 class TcpWire:
@@ -146,7 +198,8 @@ class TcpWire:
         with contextlib.suppress(BlockingIOError):
             while self._rest:  # what was begun must be ended, or the frames after it are lost
                 self._rest = self._rest[self._socket.send(self._rest) :]
-            self._rest = data[self._socket.send(data) :]
+            if _waiting(self._socket.fileno()) < _WAITING_BYTES:
+                self._rest = data[self._socket.send(data) :]
 
     def wake(self) -> None:
         self._bell.ring()
@@ -164,6 +217,9 @@ class SerialWire:
         self._peer = (path, baud)
         self._port = Port(path, baud)
         self._bell = _Doorbell(self._port.fd)
+        self._waiting_bytes = max(_WAITING_BYTES, round(_WAITING_S * baud / 10))
+        self._rest = b""
+        self._taken_s = time.monotonic()
 
     def wait(self, timeout_s: float) -> None:
         self._bell.wait(timeout_s)
@@ -176,8 +232,22 @@ class SerialWire:
             yield self._peer, data
 
     def send(self, data: bytes, peer: Peer) -> None:
+        """Never blocks: while it did, all set-points of the line would wait, and then go out late."""
         del peer
-        self._port.write(data)
+        if self._rest:
+            self._write(self._rest)
+        if not self._rest and _waiting(self._port.fd) < self._waiting_bytes:
+            self._write(data)
+        elif time.monotonic() - self._taken_s > _UNTAKEN_S:
+            raise LinkLost(
+                f"serial port {self._peer[0]} has taken nothing for {_UNTAKEN_S:g} s: check its flow control"
+            )
+
+    def _write(self, data: bytes) -> None:
+        taken = self._port.write_some(data)
+        self._rest = data[taken:]
+        if taken:
+            self._taken_s = time.monotonic()
 
     def wake(self) -> None:
         self._bell.ring()
