@@ -72,6 +72,7 @@ class Copter:
     battery: float | None = 0.9
     estimator: int = HEALTHY
     blind: bool = False
+    mute_status: bool = False
     bias_m: Vector = (0.0, 0.0, 0.0)
     """What its estimate is off by."""
     parameters: dict[str, float] = field(default_factory=dict)
@@ -222,7 +223,8 @@ class Copter:
                 yield ExtendedState(self.landed_state)
             prearm, fence = 0x10000000, 0x100000
             healthy = prearm * self.prearm_ok | fence * self.fence_ok
-            yield SystemStatus(prearm | fence, prearm | fence, healthy, self.battery)
+            if not self.mute_status:
+                yield SystemStatus(prearm | fence, prearm | fence, healthy, self.battery)
             yield Estimator(self.estimator, 0.1)
         if step % 100 == 0:
             yield self.heartbeat()

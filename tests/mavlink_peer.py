@@ -93,8 +93,9 @@ def heartbeat(autopilot: int = ARDUPILOT, mode: int = 0, *, armed: bool = False)
     return dialect.MAVLink_heartbeat_message(2, autopilot, 1 | 128 * armed, mode, 4, 3)
 
 
-def telemetry(boot_ms: int, *, landed_state: int = 1, height_m: float = 0.0) -> tuple[Any, Any, Any]:
+def telemetry(boot_ms: int, *, landed_state: int = 1, height_m: float = 0.0) -> tuple[Any, ...]:
     return (
+        dialect.MAVLink_sys_status_message(0, 0, 0, 0, 16000, 500, 90, 0, 0, 0, 0, 0, 0),
         dialect.MAVLink_extended_sys_state_message(0, landed_state),
         dialect.MAVLink_attitude_message(boot_ms, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         dialect.MAVLink_local_position_ned_message(boot_ms, 2.0, 1.0, -height_m, 0.0, 0.0, 0.0),

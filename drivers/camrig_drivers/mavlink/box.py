@@ -6,6 +6,8 @@ from camrig.rig import Box
 from camrig_drivers.mavlink.frames import Vector
 
 _ROUNDING_M = 1e-9
+LEAST_CLIMB_M = 0.7
+"""Less is no take-off: it would count as done before the vehicle has left the ground."""
 
 
 def inside(position_m: Vector, box_m: Box) -> bool:

@@ -52,11 +52,8 @@ def change_speed(kind: int, speed_m_s: float) -> Command:
     return Command(DO_CHANGE_SPEED, (float(kind), speed_m_s, -1.0, 0.0, 0.0, 0.0, 0.0))
 
 
-def gimbal_control() -> Command:
-    """Take primary control of the gimbal, which PX4 wants first."""
-    return Command(GIMBAL_CONFIGURE, (float(OWN_SYSTEM), float(OWN_COMPONENT), -1.0, -1.0, 0.0, 0.0, 0.0))
-
-
-def gimbal_pitch(pitch_deg: float) -> Command:
-    """Point the primary gimbal, its yaw following the body."""
-    return Command(GIMBAL_PITCHYAW, (pitch_deg, 0.0, math.nan, math.nan, 0.0, 0.0, 0.0))
+def gimbal_down(*, takes_control: bool) -> tuple[Command, ...]:
+    """Point the primary gimbal down, its yaw following the body; PX4 wants primary control of it taken first."""
+    control = Command(GIMBAL_CONFIGURE, (float(OWN_SYSTEM), float(OWN_COMPONENT), -1.0, -1.0, 0.0, 0.0, 0.0))
+    down = Command(GIMBAL_PITCHYAW, (-90.0, 0.0, math.nan, math.nan, 0.0, 0.0, 0.0))
+    return (control, down) if takes_control else (down,)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from camrig.rig import DroneSpec
-from camrig_drivers.mavlink.box import box_text
+from camrig_drivers.mavlink.box import LEAST_CLIMB_M, box_text
 from camrig_drivers.mavlink.commands import GIMBAL_CONFIGURE, GIMBAL_PITCHYAW
 from camrig_drivers.mavlink.frames import Vector
 from camrig_drivers.mavlink.telemetry import Telemetry
@@ -15,6 +15,7 @@ from camrig_drivers.mavlink.watch import STALE_S, Needs, estimator_trouble
 BOX_MARGIN_M = 0.5
 """How far outside its box a drone may start: it then moves inside."""
 _FRESH_LANDED_S = 3.0
+_FRESH_SYSTEM_S = 3.0
 _LOWEST_GROUND_M = -1.5
 """PX4 has read 489 m on the ground after a change of estimator; every set-point in the room is a climb then."""
 _RESERVE = 0.1
@@ -55,14 +56,16 @@ def advice(vehicle: Vehicle) -> Iterator[str]:
 
 
 def _unknown(name: str, seen: Telemetry, now_s: float) -> Iterator[str]:
-    if seen.position_m is None or seen.yaw_rad is None or not seen.position_fresh(now_s):
+    if seen.position_m is None or not (seen.position_fresh(now_s) and seen.yaw_fresh(now_s)):
         yield (
-            f"{name} reports no local position; give it GPS or an external pose and wait for its estimator, "
-            "and see that it takes commands from this link"
+            f"{name} reports no local position and attitude; give it GPS or an external pose and wait for its "
+            "estimator, and see that it takes commands from this link"
         )
     stale = seen.landed_state != 0 and now_s - seen.landed_state_s > _FRESH_LANDED_S
     if stale or not (seen.on_ground or seen.airborne):
         yield "it does not say whether it flies (EXTENDED_SYS_STATE); wait, then try again"
+    if seen.system is None or now_s - seen.system_s > _FRESH_SYSTEM_S:
+        yield "it does not say how it is (SYS_STATUS: battery, pre-arm checks, fence); wait, then try again"
     if seen.version is not None and not seen.version.takes_local_targets:
         yield f"{name} {seen.version.number} does not take local position targets; update its firmware"
 
@@ -79,7 +82,7 @@ def _exhausted(seen: Telemetry, needs: Needs) -> Iterator[str]:
 def _misplaced(spec: DroneSpec, position_m: Vector, *, on_ground: bool) -> Iterator[str]:
     x, y, z = position_m
     (low_x, low_y, low_z), (high_x, high_y, high_z) = spec.box_m
-    highest = low_z if on_ground else high_z + BOX_MARGIN_M
+    highest = min(low_z, high_z - LEAST_CLIMB_M) if on_ground else high_z + BOX_MARGIN_M
     if not _LOWEST_GROUND_M <= z <= highest:
         state = "on the ground" if on_ground else "in the air"
         yield (

@@ -15,7 +15,7 @@ class Flavour:
 
     ``ours`` is the mode in which it follows set-points. ``brake`` is a mode in which it stands still without any.
     ``lead_s`` is how long set-points must flow before it takes that mode, ``set_point_loss_s`` after which gap between
-    two of them it leaves it. ``set_points_must_flow``: it needs them all the time, and takes off when they rise.
+    two of them it may leave it. ``set_points_must_flow``: it needs them all the time, and takes off when they rise.
     ``raw_integers``: PARAM_VALUE carries an integer's bits. ``keeps_speed``: it flies to a set-point at a speed of its
     own, which it forgets when it enters the mode.
     """
@@ -72,7 +72,7 @@ PX4 = Flavour(
     land=0x06040000,
     set_point_period_s=0.05,
     lead_s=1.0,
-    set_point_loss_s=1.0,  # COM_OF_LOSS_T
+    set_point_loss_s=0.8,  # COM_OF_LOSS_T is 1 s, between arrivals: a link adds its jitter to our gaps
     set_points_must_flow=True,  # NAV_TAKEOFF's height would be above sea level
     raw_integers=True,
     keeps_speed=False,

@@ -91,6 +91,11 @@ class CommandAck:
     target: tuple[int, int]
 
     @property
+    def refuses(self) -> bool:
+        """Whether the command will not be done: neither accepted (0) nor in progress (5)."""
+        return self.result not in {0, 5}
+
+    @property
     def is_for_us(self) -> bool:
         """Whether it answers our command, as far as it says so; other ground stations command too."""
         return self.target in {(OWN_SYSTEM, OWN_COMPONENT), (0, 0)}

@@ -45,6 +45,7 @@ _DISARMED_GRACE_S = 2.0
 WATCHED = IN_OUR_MODE
 """In these a fault is acted on."""
 ENDS_DISARMED = {Phase.CLIMBING, Phase.FLYING, Phase.HOLDING}
+SETTLED = {Phase.FLYING, Phase.HOLDING}
 TAKING_OVER = {Phase.ENTERING, Phase.ARMING, Phase.CLIMBING, Phase.FLYING}
 REFUSABLE = {
     Phase.ENTERING: commands.DO_SET_MODE,
@@ -101,5 +102,6 @@ def taken_away(phase: Phase, flavour: Flavour, seen: Telemetry, mode_before: int
         return ""
     if seen.mode not in allowed_modes(phase, flavour, mode_before):
         return f"a pilot, a failsafe or another station has changed its mode to {seen.mode:#x}"
-    disarmed = phase in ENDS_DISARMED and not seen.heartbeat.armed and elapsed_s > _DISARMED_GRACE_S
+    grace_s = _DISARMED_GRACE_S if phase is Phase.HOLDING else 0.0
+    disarmed = phase in ENDS_DISARMED and not seen.heartbeat.armed and elapsed_s >= grace_s
     return "it has been disarmed" if disarmed else ""

@@ -38,6 +38,8 @@ class PoseTrack:
         self._last_stamp_s = float("-inf")
         self.position_stamp_s = float("-inf")
         """When the last position was true, in our clock."""
+        self.attitude_stamp_s = float("-inf")
+        """When the last attitude was."""
 
     def hear(self, packet: Attitude | LocalPosition, arrival_s: float) -> tuple[list[StampedPose], bool]:
         """Take one message; return the poses it completes, oldest first, and whether the autopilot has rebooted."""
@@ -47,6 +49,7 @@ class PoseTrack:
             self._waiting.clear()
         match packet:
             case Attitude(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw):
+                self.attitude_stamp_s = self.clock.stamp_s(boot_s)
                 if not self._attitudes or boot_s > self._attitudes[-1][0]:
                     self._attitudes.append((boot_s, R_world_body(roll, pitch, yaw)))
             case LocalPosition(position_ned_m=position):

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from camrig.errors import InputError
 from camrig.rig import DroneSpec
+from camrig_drivers.mavlink.box import LEAST_CLIMB_M
 from camrig_drivers.mavlink.packets import SetOrigin
 from camrig_drivers.mavlink.watch import Needs
 from camrig_drivers.mavlink.wire import WireUrl
@@ -103,7 +104,7 @@ Drones = Mapping[str, tuple[DroneSpec, MavlinkSection]]
 
 def check(drones: Drones) -> Sequence[tuple[str, str, str]]:
     """Return the faults that no section shows by itself."""
-    return [*_one_system_each(drones), *_one_signature_each(drones), *_anchors(drones)]
+    return [*_one_system_each(drones), *_one_signature_each(drones), *_anchors(drones), *_floors(drones)]
 
 
 def _one_system_each(drones: Drones) -> Iterator[tuple[str, str, str]]:
@@ -131,3 +132,18 @@ def _anchors(drones: Drones) -> Iterator[tuple[str, str, str]]:
             yield name, "pose", "vision needs anchors in view: say needs_anchor: true for this drone"
         if section.pose == "vision" and section.gimbal != "none":
             yield name, "gimbal", "vision needs a camera that is bolted to the airframe: gimbal: none"
+
+
+def _floors(drones: Drones) -> Iterator[tuple[str, str, str]]:
+    for name, (spec, section) in drones.items():
+        (_, _, low_z), (_, _, high_z) = spec.box_m
+        highest_m = min(low_z, high_z - LEAST_CLIMB_M)
+        if section.floor_m > highest_m:
+            yield (
+                name,
+                "floor_m",
+                (
+                    f"{section.floor_m:g} m is too high, {highest_m:g} m is the most: it stands below box_m and climbs "
+                    f"{LEAST_CLIMB_M:g} m at least"
+                ),
+            )

@@ -57,10 +57,12 @@ class SetPoints:
         self.next_s = 0.0
 
     def hold_here(self, now_s: float) -> None:
-        """Aim at the present position, at once; where it is stale, at the set-point that stood last."""
-        point_m = self._position_m(now_s) or self.point_m() or self._seen.position_m
-        if point_m is not None:
-            self._ramp = Ramp(point_m, point_m, self._seen.yaw_rad or 0.0, self._speed_m_s)
+        """Aim at the present position and heading, at once; where one is stale, at that of the set-point before."""
+        seen, ramp = self._seen, self._ramp
+        point_m = self._position_m(now_s) or self.point_m() or seen.position_m
+        yaw_rad = seen.yaw_rad if ramp is None or seen.yaw_fresh(now_s) else ramp.yaw_rad
+        if point_m is not None and yaw_rad is not None:
+            self._ramp = Ramp(point_m, point_m, yaw_rad, self._speed_m_s)
             self.next_s = now_s
 
     def move(self, goal_m: Vector, yaw_rad: float | None = None) -> None:

@@ -49,6 +49,7 @@ class Telemetry:
     landed_state: int = 0
     landed_state_s: float = _NEVER_S
     system: SystemStatus | None = None
+    system_s: float = _NEVER_S
     version: Version | None = None
     estimator: Estimator | None = None
     estimator_s: float = _NEVER_S
@@ -60,6 +61,8 @@ class Telemetry:
     """When it was there by its own clock: a link may hold messages back and go on delivering them, seconds old."""
     velocity_m_s: Vector = (0.0, 0.0, 0.0)
     yaw_rad: float | None = None
+    yaw_s: float = _NEVER_S
+    """When that was so, as of ``position_s``."""
     jump_m: float = 0.0
     """How far the last position lay from where the one before and its speed could have led; 0 where it fitted."""
     last_warning: str = ""
@@ -78,7 +81,7 @@ class Telemetry:
             case ExtendedState(landed_state=landed_state):
                 self.landed_state, self.landed_state_s = landed_state, now_s
             case SystemStatus():
-                self.system = packet
+                self.system, self.system_s = packet, now_s
             case StatusText():
                 self._text(packet)
             case Estimator():
@@ -120,6 +123,11 @@ class Telemetry:
         return self.heartbeat.custom_mode
 
     @property
+    def height_m(self) -> float:
+        """Height in the world; 0 where it is not known yet."""
+        return self.position_m[2] if self.position_m else 0.0
+
+    @property
     def on_ground(self) -> bool:
         """Said to be on the ground; a disarmed vehicle that says nothing is taken to be there too."""
         return self.landed_state == 1 or (self.landed_state == 0 and not self.heartbeat.armed)
@@ -137,6 +145,10 @@ class Telemetry:
         """Whether the local position is recent enough to steer by."""
         return now_s - self.position_s <= FRESH_POSITION_S
 
+    def yaw_fresh(self, now_s: float) -> bool:
+        """Whether the heading is recent enough to steer by."""
+        return now_s - self.yaw_s <= FRESH_POSITION_S
+
     def _motion(self, packet: LocalPosition | Attitude, now_s: float) -> bool:
         poses, rebooted = self._track.hear(packet, now_s)
         self._poses += poses
@@ -145,9 +157,9 @@ class Telemetry:
                 self._place(self.frame.world(position), min(now_s, self._track.position_stamp_s))
                 self.velocity_m_s = (east, north, -down)
             case Attitude(yaw_rad=yaw):
-                self.yaw_rad = yaw_enu_from_ned(yaw)
+                self.yaw_rad, self.yaw_s = yaw_enu_from_ned(yaw), min(now_s, self._track.attitude_stamp_s)
         if rebooted:
-            self.global_origin = self.version = self.estimator = self.gimbal = None
+            self.global_origin = self.version = self.estimator = self.gimbal = self.system = None
             self.landed_state = 0
         return rebooted
 

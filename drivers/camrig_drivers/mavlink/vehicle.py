@@ -9,17 +9,19 @@ not resumed: PX4 would follow them at once. Only an operator's ``arm`` or ``resu
 from __future__ import annotations
 
 import logging
+import math
 
 from camrig.rig import DroneSpec
 from camrig_drivers.mavlink import commands
 from camrig_drivers.mavlink.asking import Asking, Errands
-from camrig_drivers.mavlink.box import clamped
+from camrig_drivers.mavlink.box import LEAST_CLIMB_M, clamped
 from camrig_drivers.mavlink.flavours import Flavour
 from camrig_drivers.mavlink.frames import Vector
 from camrig_drivers.mavlink.packets import Command, CommandAck, Heard, Heartbeat, LocalPosition, Said
 from camrig_drivers.mavlink.phase import (
     IN_OUR_MODE,
     REFUSABLE,
+    SETTLED,
     TAKING_OVER,
     WATCHED,
     Phase,
@@ -32,7 +34,7 @@ from camrig_drivers.mavlink.section import VehicleSettings
 from camrig_drivers.mavlink.set_points import SetPoints
 from camrig_drivers.mavlink.telemetry import Telemetry
 from camrig_drivers.mavlink.upkeep import Upkeep
-from camrig_drivers.mavlink.watch import Action, Watch
+from camrig_drivers.mavlink.watch import Action, Watch, runaway
 
 _log = logging.getLogger(__name__)
 
@@ -42,7 +44,6 @@ _CLIMB_GRACE_S = 15.0
 """Beyond the time that the climb takes at the drone's speed: spooling up and settling."""
 _REACHED_M = 0.25
 _IDLE_TICK_S = 0.1
-_ACCEPTED, _IN_PROGRESS = 0, 5
 
 
 class Vehicle:
@@ -63,6 +64,7 @@ class Vehicle:
         self._set_points = SetPoints(flavour, spec.speed_m_s, seen)
         self._asking: Asking | None = None
         self._climbs = False
+        self._climb_to_m = spec.box_m[0][2]
         self._since_s = 0.0
         self._mode_before = seen.mode
 
@@ -153,6 +155,7 @@ class Vehicle:
     ) -> None:
         """Change the phase; in it, repeat ``command`` until the vehicle shows that it took effect."""
         self.phase, self._since_s, self._mode_before = phase, now_s, self.seen.mode
+        self.watch.settle(self.seen.height_m if phase in SETTLED else None)
         self._asking = Asking(command, period_s, now_s + delay_s) if command else None
         _log.info("drone %s: %s", self.spec.id, phase.name.lower())
 
@@ -163,8 +166,7 @@ class Vehicle:
         self._set_points.hold_here(now_s)
         self._go(Phase.ENTERING, now_s, self.flavour.set_mode(self.flavour.ours), 0.5, self.flavour.lead_s)
         if self.settings.gimbal:
-            first = [commands.gimbal_control()] if self.flavour.set_points_must_flow else []
-            self.errands.add(*first, commands.gimbal_pitch(-90.0))
+            self.errands.add(*commands.gimbal_down(takes_control=self.flavour.set_points_must_flow))
 
     def _let_go(self, reason: str, now_s: float) -> None:
         if self.phase is not Phase.PASSIVE:
@@ -179,7 +181,7 @@ class Vehicle:
             self._let_go(reason, now_s)
             return
         self.reason = reason
-        _log.warning("drone %s: holds: %s", self.spec.id, reason)
+        _log.warning("drone %s: gives up: %s", self.spec.id, reason)
         self._set_points.hold_here(now_s)
         self._go(Phase.HOLDING, now_s)
 
@@ -187,15 +189,15 @@ class Vehicle:
         """Act on the gravest fault."""
         if self.phase not in WATCHED:
             return
-        fault = self.watch.gravest(self.seen, now_s, flying=self.phase in {Phase.FLYING, Phase.HOLDING})
+        fault = self.watch.gravest(self.seen, now_s)
+        if fault is None and self.phase in SETTLED and (gap_m := self._set_points.runaway_m()):
+            fault = runaway(gap_m, holds=self.phase is Phase.HOLDING)
         if fault is not None and fault.action is Action.LAND and self.seen.heartbeat.armed:
             self.reason = f"{fault.text}: it lands"
             _log.warning("drone %s: lands: %s", self.spec.id, fault.text)
             self._land(now_s)
         elif fault is not None and (self.phase is not Phase.HOLDING or self.seen.jump_m):
-            self._give_up(f"{fault.text}: it holds", now_s)
-        elif self.phase is Phase.FLYING and (gap_m := self._set_points.runaway_m()):
-            self._give_up(f"it is implausibly far from its set-point, {gap_m:.1f} m: it holds", now_s)
+            self._give_up(f"{fault.text}: it {'stays down' if self.seen.on_ground else 'holds'}", now_s)
 
     def _judge(self, now_s: float) -> None:
         """Let go where a heartbeat shows that somebody else (failsafe, pilot) has taken the vehicle over."""
@@ -206,7 +208,7 @@ class Vehicle:
     def _heed(self, ack: CommandAck, now_s: float) -> None:
         if ack.command != REFUSABLE.get(self.phase) or not ack.is_for_us:
             return
-        if ack.result in {_ACCEPTED, _IN_PROGRESS}:
+        if not ack.refuses:
             if self.phase is Phase.CLIMBING:
                 self._asking = None  # asked again, the take-off would start again
         elif self._asking is not None:
@@ -214,49 +216,50 @@ class Vehicle:
             self._give_up(f"it refuses command {ack.command} with result {ack.result}: {said}", now_s)
 
     def _step(self, now_s: float) -> None:
-        step = {
-            Phase.ENTERING: self._enter,
-            Phase.ARMING: self._wait_for_arming,
-            Phase.CLIMBING: self._climb,
-            Phase.BRAKING: self._wait_for_brake,
-            Phase.LANDING: self._descend,
-            Phase.DESCENDING: self._descend,
-        }.get(self.phase)
-        if step:
-            step(now_s, now_s - self._since_s)
+        elapsed_s = now_s - self._since_s
+        match self.phase:
+            case Phase.ENTERING:
+                self._enter(now_s, elapsed_s)
+            case Phase.ARMING:
+                self._wait_for_arming(now_s, elapsed_s)
+            case Phase.CLIMBING:
+                self._climb(now_s, elapsed_s)
+            case Phase.BRAKING:
+                self._wait_for_brake(now_s, elapsed_s)
+            case Phase.LANDING | Phase.DESCENDING:
+                self._descend(now_s)
 
     def _enter(self, now_s: float, elapsed_s: float) -> None:
         if self.seen.mode == self.flavour.ours and elapsed_s >= self.flavour.lead_s:
             if self.seen.airborne:
                 self._fly(now_s)
             elif self._climbs:
-                self._go(Phase.ARMING, now_s, commands.arm())
+                self._go(Phase.ARMING, now_s, commands.arm(), math.inf)  # once: a pilot may disarm it at any moment
             else:
                 self._give_up("it has landed", now_s)
         elif elapsed_s > self.flavour.lead_s + _MODE_TIMEOUT_S:
             self._give_up(f"{self.flavour.name} does not take mode {self.flavour.ours:#x}", now_s)
 
     def _wait_for_arming(self, now_s: float, elapsed_s: float) -> None:
-        here, lowest_m = self.seen.position_m, self.spec.box_m[0][2]
-        if not self.seen.heartbeat.armed or here is None:
+        if not self.seen.heartbeat.armed or (here := self.seen.position_m) is None:
             if elapsed_s > _ARM_TIMEOUT_S:
-                self._give_up("it does not arm", now_s)
-        elif self.flavour.set_points_must_flow:
-            self._set_points.move((here[0], here[1], lowest_m))
+                self._give_up("it does not arm, or the order to was lost", now_s)
+            return
+        self._climb_to_m = max(self.spec.box_m[0][2], here[2] + LEAST_CLIMB_M)
+        if self.flavour.set_points_must_flow:
+            self._set_points.move((here[0], here[1], self._climb_to_m))
             self._go(Phase.CLIMBING, now_s)
         else:
-            self._go(Phase.CLIMBING, now_s, commands.take_off(lowest_m - here[2]))
+            self._go(Phase.CLIMBING, now_s, commands.take_off(self._climb_to_m - here[2]))
 
     def _climb(self, now_s: float, elapsed_s: float) -> None:
-        lowest_m = self.spec.box_m[0][2]
-        height_m = self.seen.position_m[2] if self.seen.position_m else 0.0
         if self.seen.airborne:
             self._asking = None
-            if height_m >= lowest_m - _REACHED_M:
+            if self.seen.height_m >= self._climb_to_m - _REACHED_M:
                 self._fly(now_s)
                 return
-        if elapsed_s > _CLIMB_GRACE_S + lowest_m / self.spec.speed_m_s:
-            self._give_up(f"it has not reached {lowest_m:g} m", now_s)
+        if elapsed_s > _CLIMB_GRACE_S + self._climb_to_m / self.spec.speed_m_s:
+            self._give_up(f"it has not reached {self._climb_to_m:g} m", now_s)
 
     def _fly(self, now_s: float) -> None:
         """Follow ``go_to`` from here on; whoever starts outside the box moves inside."""
@@ -286,7 +289,7 @@ class Vehicle:
         self._set_points.hold_here(now_s)
         self._go(Phase.LANDING, now_s, commands.land(), 0.5)
 
-    def _descend(self, now_s: float, _elapsed_s: float) -> None:
+    def _descend(self, now_s: float) -> None:
         if self.seen.on_ground and not self.seen.heartbeat.armed:
             self._go(Phase.PASSIVE, now_s)
         elif self.phase is Phase.LANDING and self.seen.mode == self.flavour.land:

@@ -31,7 +31,11 @@ OUTSIDE_M = 1.0
 HASTE_M_S = 0.5
 HASTE_S = 0.3
 DEAF_S = 0.3
-"""A gap between two looks in which this computer stood still: what was not heard in it may have been said."""
+"""A gap between two looks in which this computer stood still: what was not heard in it may have been said. That excuses
+a silence once, until something newer is heard: a computer that stands still again and again must not be deaf for ever.
+"""
+UNTOLD_S = 5.0
+"""An autopilot that has not said for so long how it is (battery, fence): hold."""
 
 
 class Action(IntEnum):
@@ -65,34 +69,44 @@ class Watch:
         self._spec = spec
         self._needs = needs
         self._since_s: dict[str, float] = {}
-        self._looked_s = self._listening_s = float("-inf")
+        self._looked_s = float("-inf")
+        self._excused_s: dict[str, float] = {}
+        self._lowest_m: float | None = None
         self.seen_from_outside_s = float("-inf")
         """When the last pose that was sent from outside was seen."""
 
     def begin(self) -> None:
         """Forget for how long anything has lasted: a flight begins."""
         self._since_s.clear()
+        self._excused_s.clear()
 
-    def gravest(self, seen: Telemetry, now_s: float, *, flying: bool) -> Fault | None:
+    def settle(self, height_m: float | None) -> None:
+        """Learn at which height it begins to fly or to hold, be it below its box; None: it does not yet."""
+        self._lowest_m = height_m
+
+    def gravest(self, seen: Telemetry, now_s: float) -> Fault | None:
         """Return the fault that asks for most."""
-        return max(self.faults(seen, now_s, flying=flying), key=lambda fault: fault.action, default=None)
+        return max(self.faults(seen, now_s), key=lambda fault: fault.action, default=None)
 
-    def faults(self, seen: Telemetry, now_s: float, *, flying: bool) -> Iterator[Fault]:
-        """Yield all that is wrong now; to be asked at every tick, for some of it must last a while.
-
-        ``flying``: it has come to its box; before, it may be below it.
-        """
-        if now_s - self._looked_s > DEAF_S:
-            self._listening_s = now_s
+    def faults(self, seen: Telemetry, now_s: float) -> Iterator[Fault]:
+        """Yield all that is wrong now; to be asked at every tick, for some of it must last a while."""
+        deaf = now_s - self._looked_s > DEAF_S
         self._looked_s = now_s
-        yield from self._stale("position", seen.position_s, now_s, "no position from the autopilot")
+        age_s = self._silence_s("position", seen.position_s, now_s, deaf=deaf)
+        yield from self._stale("position", age_s, "no position from the autopilot")
         if self._needs.vision:
-            text = "its camera has given it no pose by anchors"
-            yield from self._stale("vision", self.seen_from_outside_s, now_s, text)
+            age_s = self._silence_s("vision", self.seen_from_outside_s, now_s, deaf=deaf)
+            yield from self._stale("vision", age_s, "its camera has given it no pose by anchors")
         yield from self._estimate(seen, now_s)
-        yield from self._astray(seen, flying=flying)
-        if flying:
+        yield from self._astray(seen)
+        if self._lowest_m is not None:
             yield from self._haste(seen, now_s)
+        yield from self._exhausted(seen, now_s, deaf=deaf)
+
+    def _exhausted(self, seen: Telemetry, now_s: float, *, deaf: bool) -> Iterator[Fault]:
+        age_s = self._silence_s("system", seen.system_s, now_s, deaf=deaf)
+        if age_s > UNTOLD_S:
+            yield Fault("system", Action.HOLD, f"it has not told its battery and fence for {age_s:.0f} s")
         battery = seen.system.battery if seen.system else None
         low = battery is not None and battery < self._needs.battery
         if self._lasts("battery", LOW_S, now_s, holds=low):
@@ -107,14 +121,17 @@ class Watch:
         if seen.jump_m:
             yield Fault("jump", Action.HOLD, f"its position jumped by {seen.jump_m:.1f} m")
 
-    def _astray(self, seen: Telemetry, *, flying: bool) -> Iterator[Fault]:
-        if seen.position_m is not None:
-            sides = list(zip(*self._spec.box_m, seen.position_m, strict=True))
-            outside_m = [max(low - value, value - high) for low, high, value in sides]
-            if not flying:
-                outside_m[2] = sides[2][2] - sides[2][1]
-            if max(outside_m) > OUTSIDE_M:
-                yield Fault("box", Action.LAND, f"it is {max(outside_m):.1f} m outside its box")
+    def _astray(self, seen: Telemetry) -> Iterator[Fault]:
+        """Yield a fault outside the box; below it, only where it sinks from where it was."""
+        if seen.position_m is None:
+            return
+        (low_x, low_y, low_z), high = self._spec.box_m
+        if self._lowest_m is not None:
+            self._lowest_m = min(low_z, max(self._lowest_m, seen.position_m[2]))
+        low = (low_x, low_y, -math.inf if self._lowest_m is None else self._lowest_m)
+        outside_m = max(max(a - value, value - b) for a, b, value in zip(low, high, seen.position_m, strict=True))
+        if outside_m > OUTSIDE_M:
+            yield Fault("box", Action.LAND, f"it is {outside_m:.1f} m outside its box")
 
     def _haste(self, seen: Telemetry, now_s: float) -> Iterator[Fault]:
         speed_m_s = math.hypot(*seen.velocity_m_s)
@@ -124,9 +141,14 @@ class Watch:
                 "haste", Action.HOLD, f"it flies at {speed_m_s:.1f} m/s, {self._spec.speed_m_s:g} m/s is allowed"
             )
 
-    def _stale(self, name: str, heard_s: float, now_s: float, text: str) -> Iterator[Fault]:
-        """Yield a fault where nothing was heard for too long while we listened."""
-        age_s = now_s - max(heard_s, self._listening_s)
+    def _silence_s(self, name: str, heard_s: float, now_s: float, *, deaf: bool) -> float:
+        """Return for how long nothing was heard while we listened."""
+        excused_s = self._excused_s.get(name, -math.inf)
+        if deaf and heard_s > excused_s:
+            self._excused_s[name] = excused_s = now_s
+        return now_s - max(heard_s, excused_s)
+
+    def _stale(self, name: str, age_s: float, text: str) -> Iterator[Fault]:
         if age_s > STALE_S:
             action = Action.LAND if age_s > LOST_S else Action.HOLD
             yield Fault(name, action, f"{text} for {age_s:.1f} s")
@@ -136,6 +158,12 @@ class Watch:
             self._since_s.pop(name, None)
             return False
         return now_s - self._since_s.setdefault(name, now_s) >= duration_s
+
+
+def runaway(gap_m: float, *, holds: bool) -> Fault:
+    """Return the fault of a drone that is so far from its set-point; one that was told to hold does not obey."""
+    text = f"it is implausibly far from its set-point, {gap_m:.1f} m"
+    return Fault("runaway", Action.LAND if holds else Action.HOLD, text)
 
 
 def estimator_trouble(seen: Telemetry, now_s: float) -> str:
