@@ -89,8 +89,8 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def heartbeat(autopilot: int = ARDUPILOT, mode: int = 0, *, armed: bool = False) -> Any:
-    return dialect.MAVLink_heartbeat_message(2, autopilot, 1 | 128 * armed, mode, 4, 3)
+def heartbeat(autopilot: int = ARDUPILOT, mode: int = 0, *, armed: bool = False, kind: int = 2) -> Any:
+    return dialect.MAVLink_heartbeat_message(kind, autopilot, 1 | 128 * armed, mode, 4, 3)
 
 
 def telemetry(boot_ms: int, *, landed_state: int = 1, height_m: float = 0.0) -> tuple[Any, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from camrig.messages import FlightState
 from camrig.rig import DroneSpec
 from camrig_drivers.mavlink.fitness import unfit
 from camrig_drivers.mavlink.flavours import ARDUCOPTER, PX4, Flavour
@@ -98,6 +99,19 @@ def test_a_floor_too_near_to_the_top_of_the_box_is_a_fault_of_the_section() -> N
     flight = Flight(PX4, spec=thin, position_m=(1.0, 1.0, 0.9))
     flight.run(2.0)
     assert "plausible" in "; ".join(unfit(flight.vehicle, flight.now_s))
+
+
+@BOTH
+def test_what_is_sent_up_counts_as_taking_off_before_it_says_so(flavour: Flavour) -> None:
+    """Its link may be lost in between; drones under way must keep clear of the place all the same."""
+    flight = Flight(flavour)
+    flight.run(2.0)
+    flight.vehicle.arm(flight.now_s)
+    assert flight.reaches(Phase.CLIMBING)
+    flight.vehicle.report.readings.clear()
+    assert flight.run(0.1, lambda: bool(flight.vehicle.report.readings))
+    assert flight.vehicle.seen.on_ground
+    assert flight.vehicle.report.readings[-1].flight is FlightState.TAKING_OFF
 
 
 def test_arming_is_ordered_once() -> None:

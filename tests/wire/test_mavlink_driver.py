@@ -109,6 +109,17 @@ def test_autopilot_that_we_cannot_fly_is_refused() -> None:
         pass
 
 
+def test_an_aeroplane_or_a_rover_of_the_same_firmware_is_refused() -> None:
+    """ArduPlane's mode 4 is ACRO, a rover's is HOLD."""
+    for kind in (1, 10):
+        with (
+            listening() as peer,
+            pytest.raises(HardwareError, match=f"system 1 is a vehicle of MAV_TYPE {kind}; multicopters"),
+            opened(make_drone(url_of(peer)), peer, heartbeat(kind=kind)),
+        ):
+            pass
+
+
 def test_heartbeats_of_ground_stations_and_cameras_are_not_the_vehicle() -> None:
     with listening() as peer, opened(make_drone(url_of(peer)), peer, heartbeat(NOT_AN_AUTOPILOT), heartbeat()) as drone:
         peer.say(heartbeat(NOT_AN_AUTOPILOT, mode=99))

@@ -63,6 +63,11 @@ class Seals:
             self.state.secret_key, self.state.link_id = signing.key, signing.link_id
             self.state.sign_outgoing = True
 
+    @property
+    def signed(self) -> bool:
+        """Whether nothing is heard that is not signed."""
+        return self._signing is not None
+
     def stamps(self) -> dict[Any, int]:
         """Return the last stamp of every stream that is heard."""
         return dict(self.state.stream_timestamps)
@@ -95,7 +100,7 @@ class Decoder:
         """Yield (sender, packet) for every known message; bad frames and unknown messages are passed over."""
         self._buffer += data
         while (length := _frame_length(self._buffer)) is not None and length <= len(self._buffer):
-            message = self._decode(length) if length else None
+            message = self._decode(self._buffer[:length]) if length else None
             if message is None or not self._frame_ends_well(message, length):
                 del self._buffer[:1]
                 continue
@@ -104,19 +109,32 @@ class Decoder:
             if packet is not None:
                 yield (message.get_srcSystem(), message.get_srcComponent()), packet
 
-    def _decode(self, length: int) -> Any:
+    def _decode(self, frame: bytearray) -> Any:
         stamps = self._seals.stamps()
         try:
-            return self._mavlink.decode(self._buffer[:length])
+            return self._mavlink.decode(frame)
         except dialect.MAVError as error:
             if "signature" in str(error):  # nothing but its text tells
                 self._seals.refuse(stamps)
             return None
 
     def _frame_ends_well(self, message: Any, length: int) -> bool:
-        """Believe the length of an unknown message, whose checksum cannot be tested, only where a frame follows."""
-        known = not isinstance(message, dialect.MAVLink_unknown)
-        return known or len(self._buffer) == length or self._buffer[length] in _MARKERS
+        """Believe the length of an unknown message, whose checksum cannot be tested, only where a frame follows and
+        none is inside; a good signature vouches for it.
+        """
+        if not isinstance(message, dialect.MAVLink_unknown) or self._seals.signed:
+            return True
+        followed = len(self._buffer) == length or self._buffer[length] in _MARKERS
+        return followed and not any(self._holds_frame(at, length) for at in range(1, length))
+
+    def _holds_frame(self, start: int, end: int) -> bool:
+        """Whether a good frame of a known message lies there."""
+        inside = self._buffer[start:end]
+        length = _frame_length(inside)
+        if not length or length > len(inside):
+            return False
+        message = self._decode(inside[:length])
+        return message is not None and not isinstance(message, dialect.MAVLink_unknown)
 
 
 class Encoder:
@@ -169,7 +187,7 @@ def _floats(packet: Heard | None) -> tuple[float, ...]:
 
 
 _HEARD: dict[str, Callable[[Any], Heard]] = {
-    "HEARTBEAT": lambda m: Heartbeat(m.autopilot, m.base_mode, m.custom_mode),
+    "HEARTBEAT": lambda m: Heartbeat(m.autopilot, m.base_mode, m.custom_mode, m.type),
     "ATTITUDE": lambda m: Attitude(m.time_boot_ms, m.roll, m.pitch, m.yaw),
     "LOCAL_POSITION_NED": lambda m: LocalPosition(m.time_boot_ms, (m.x, m.y, m.z), (m.vx, m.vy, m.vz)),
     "EXTENDED_SYS_STATE": lambda m: ExtendedState(m.landed_state),

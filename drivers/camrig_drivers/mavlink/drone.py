@@ -59,7 +59,7 @@ class MavlinkDrone:
         self._vision: VisionPoses | None = None
         self._stopped = self._releasing = False
         self._intruder = ""
-        self._unknown_autopilot: int | None = None
+        self._unflyable = ""
 
     # --- Drone ------------------------------------------------------------------------------------------
 
@@ -70,10 +70,10 @@ class MavlinkDrone:
         """
         self.close()
         self._orders.clear()
-        self._stopped, self._intruder, self._unknown_autopilot = False, "", None
+        self._stopped, self._intruder, self._unflyable = False, "", ""
         self._link.join(self)
         try:
-            self._link.serve(_OPEN_TIMEOUT_S, lambda: self._vehicle is not None or self._unknown_autopilot is not None)
+            self._link.serve(_OPEN_TIMEOUT_S, lambda: self._vehicle is not None or bool(self._unflyable))
             self._check_opened()
         except BaseException:
             self._link.leave(self)
@@ -232,15 +232,17 @@ class MavlinkDrone:
         if not heartbeat.is_autopilot:
             return False
         flavour = FLAVOURS.get(heartbeat.autopilot)
-        if self._vehicle is None and flavour is not None:
+        if self._vehicle is None and flavour is None:
+            self._unflyable = f"is autopilot type {heartbeat.autopilot}; ArduPilot (3) and PX4 (12) can be flown"
+        elif self._vehicle is None and not heartbeat.is_copter:
+            self._unflyable = f"is a vehicle of MAV_TYPE {heartbeat.kind}; multicopters can be flown"
+        elif self._vehicle is None and flavour is not None:
             seen = Telemetry(self._spec.id, self._section.origin_m, heartbeat, now_s)
             settings = self._section.settings(sets_origin=flavour.wants_origin)
             self._vision = VisionPoses(seen.frame) if settings.needs.vision else None
             self._poses.clear()
             self._vehicle = Vehicle(self._spec, flavour, seen, settings)
-        elif self._vehicle is None:
-            self._unknown_autopilot = heartbeat.autopilot
-        elif flavour is not self._vehicle.flavour:
+        elif self._vehicle is not None and flavour is not self._vehicle.flavour:
             self.intrude(f"autopilot types {self._vehicle.flavour.autopilot} and {heartbeat.autopilot}")
             return False
         return True
@@ -249,11 +251,8 @@ class MavlinkDrone:
         if self._vehicle is not None:
             return
         system, component = self.key
-        if self._unknown_autopilot is not None:
-            raise HardwareError(
-                f"drone {self._spec.id}: system {system} is autopilot type {self._unknown_autopilot}; "
-                "ArduPilot (3) and PX4 (12) can be flown"
-            )
+        if self._unflyable:
+            raise HardwareError(f"drone {self._spec.id}: system {system} {self._unflyable}")
         refused = f"; {self._link.refused} frames were not signed with its key" if self._link.refused else ""
         if self._intruder:
             raise LinkLost(self._intruder)

@@ -49,6 +49,8 @@ def advice(vehicle: Vehicle) -> Iterator[str]:
     yield from vehicle.upkeep.parameters.mismatches(needed=False)
     if vehicle.seen.system is None or vehicle.seen.system.battery is None:
         yield "it does not tell the charge of its battery; camrig cannot land it in time"
+    if vehicle.seen.estimator is None:
+        yield "it does not tell how its estimator does; camrig cannot land it where that fails"
     if vehicle.settings.gimbal:
         for number, what in vehicle.errands.refused.items():
             if number in {GIMBAL_CONFIGURE, GIMBAL_PITCHYAW}:

@@ -12,6 +12,9 @@ Triple = tuple[float, float, float]
 OWN_SYSTEM, OWN_COMPONENT = 255, 190
 """ArduPilot counts heartbeats of system 255 only (MAV_GCS_SYSID)."""
 
+_COPTERS = {2, 3, 4, 13, 14, 15, 29, 35, 43}
+"""MAV_TYPE: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca-, decarotor, multirotor."""
+
 # --- heard ----------------------------------------------------------------------------------------------
 
 
@@ -22,11 +25,18 @@ class Heartbeat:
     autopilot: int
     base_mode: int
     custom_mode: int
+    kind: int = 2
+    """MAV_TYPE."""
 
     @property
     def is_autopilot(self) -> bool:
         """MAV_AUTOPILOT_INVALID (8) marks ground stations, cameras and gimbals."""
         return self.autopilot != 8
+
+    @property
+    def is_copter(self) -> bool:
+        """Whether it hovers: an aeroplane or a rover of the same firmware family means other modes by the numbers."""
+        return self.kind in _COPTERS
 
     @property
     def armed(self) -> bool:

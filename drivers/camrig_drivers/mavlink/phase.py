@@ -69,12 +69,14 @@ def allowed_modes(phase: Phase, flavour: Flavour, mode_before: int) -> set[int]:
 
 
 def flight_state(phase: Phase, flavour: Flavour, seen: Telemetry) -> FlightState:
-    """Return what the vehicle is doing, by its own word."""
+    """Return what the vehicle is doing, by its own word; armed and sent up, it may rise before that is heard."""
+    if phase is Phase.CLIMBING:
+        return FlightState.TAKING_OFF
     if seen.on_ground:
         return FlightState.GROUND
     if not seen.airborne:
         return FlightState.UNKNOWN
-    if seen.landed_state == 3 or phase is Phase.CLIMBING:
+    if seen.landed_state == 3:
         return FlightState.TAKING_OFF
     landing = seen.landed_state == 4 or seen.mode == flavour.land
     return FlightState.LANDING if landing else FlightState.FLYING
