@@ -12,7 +12,6 @@ from camrig_drivers.mavlink.flavours import ARDUCOPTER, PX4, Flavour
 from camrig_drivers.mavlink.packets import Command, Estimator
 from camrig_drivers.mavlink.phase import Phase
 from camrig_drivers.mavlink.section import VehicleSettings
-from camrig_drivers.mavlink.watch import Needs
 from tests.mavlink_copter import BOTH, HEALTHY, LOITER, STEP_S, Copter, Flight
 
 FAR_M = (4.5, 2.5, 2.0)
@@ -170,44 +169,6 @@ def test_fence_breach_is_held(flavour: Flavour) -> None:
     flight.copter.fence_ok = False
     flight.run(0.3)
     assert flight.vehicle.phase is HOLD
-
-
-@BOTH
-def test_vision_lost_holds_then_lands_while_telemetry_claims_all_is_well(flavour: Flavour) -> None:
-    """Measured: the estimate stands where it was for 8 s while the drone drifts."""
-    flight = Flight(flavour, VehicleSettings(needs=Needs(vision=True)), parameters=VISION)
-    flight.run(2.0)
-
-    def fly(duration_s: float, *, sees: bool) -> None:
-        for _ in range(round(duration_s / STEP_S)):
-            if sees:
-                flight.vehicle.watch.seen_from_outside_s = flight.now_s
-            flight.run(STEP_S)
-
-    flight.vehicle.arm(flight.now_s)
-    fly(8.0, sees=True)
-    assert flight.vehicle.phase is Phase.FLYING
-    fly(0.6, sees=False)
-    assert flight.vehicle.phase is HOLD
-    assert "no pose by anchors" in flight.vehicle.reason
-    fly(1.2, sees=False)
-    assert flight.vehicle.phase in {Phase.LANDING, LAND}
-    fly(3.0, sees=True)  # it comes back: the landing goes on
-    assert flight.vehicle.phase in {LAND, Phase.PASSIVE}
-
-
-VISION = {
-    "GPS1_TYPE": 0.0,
-    "VISO_TYPE": 1.0,
-    **dict.fromkeys(("EK3_SRC1_POSXY", "EK3_SRC1_POSZ", "EK3_SRC1_YAW"), 6.0),
-    "EK3_SRC1_VELXY": 0.0,
-    "EK3_SRC1_VELZ": 0.0,
-    "SYS_HAS_GPS": 0.0,
-    "EKF2_GPS_CTRL": 0.0,
-    "EKF2_EV_CTRL": 11.0,
-    "EKF2_HGT_REF": 3.0,
-    "EKF2_MAG_TYPE": 5.0,
-}
 
 
 @BOTH

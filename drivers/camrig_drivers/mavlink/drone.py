@@ -219,7 +219,8 @@ class MavlinkDrone:
         self._poses.clear()
         pose = self._vision.take(newest) if now_s - newest.stamp_s < STALE_S else None
         if pose is not None:
-            vehicle.watch.seen_from_outside_s = newest.stamp_s
+            x, y, z = newest.T_world_body[:3, 3].tolist()
+            vehicle.watch.see_from_outside((x, y, z), newest.stamp_s)
             yield Odometry(pose) if vehicle.flavour.takes_odometry else VisionEstimate(pose)
 
     def due_s(self, now_s: float) -> float:

@@ -31,6 +31,8 @@ def unfit(vehicle: Vehicle, now_s: float) -> Iterator[str]:
     yield from _unknown(name, seen, now_s)
     if needs.vision and now_s - vehicle.watch.seen_from_outside_s > STALE_S:
         yield "its camera sees no anchors; put it where one is in view, or take off by hand and resume it in the air"
+    if needs.vision and (gap_m := vehicle.watch.disagreement_m(seen, now_s)) > BOX_MARGIN_M:
+        yield f"its estimate is {gap_m:.1f} m from where its anchors put it; check origin_m, restart its estimator"
     if seen.system and seen.system.prearm_failing and not seen.heartbeat.armed:
         said = f"it says '{seen.last_warning}'" if seen.last_warning else "it gives no reason"
         yield f"{name}'s pre-arm checks fail: {said}"

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from camrig.rig import DroneSpec
+from camrig_drivers.mavlink.frames import Vector
 from camrig_drivers.mavlink.telemetry import Telemetry
 
 STALE_S = 0.5
@@ -28,6 +29,8 @@ MAX_RATIO = 1.0
 FRESH_ESTIMATOR_S = 3.0
 OUTSIDE_M = 1.0
 """So far outside of its box something else flies the drone than its set-points."""
+DISAGREES_S = 1.0
+"""An estimator takes a moment to follow poses that have jumped."""
 HASTE_M_S = 0.5
 HASTE_S = 0.3
 DEAF_S = 0.3
@@ -74,6 +77,18 @@ class Watch:
         self._lowest_m: float | None = None
         self.seen_from_outside_s = float("-inf")
         """When the last pose that was sent from outside was seen."""
+        self._outside_m: Vector | None = None
+
+    def see_from_outside(self, position_m: Vector, stamp_s: float) -> None:
+        """Take the place at which its anchors put it, which is sent to its estimator."""
+        self._outside_m, self.seen_from_outside_s = position_m, stamp_s
+
+    def disagreement_m(self, seen: Telemetry, now_s: float) -> float:
+        """Return how far its own estimate is from where its anchors put it; 0 where one of them is not fresh."""
+        fresh = seen.position_fresh(now_s) and now_s - self.seen_from_outside_s <= STALE_S
+        if not fresh or self._outside_m is None or seen.position_m is None:
+            return 0.0
+        return math.dist(self._outside_m, seen.position_m)
 
     def begin(self) -> None:
         """Forget for how long anything has lasted: a flight begins."""
@@ -97,6 +112,7 @@ class Watch:
         if self._needs.vision:
             age_s = self._silence_s("vision", self.seen_from_outside_s, now_s, deaf=deaf)
             yield from self._stale("vision", age_s, "its camera has given it no pose by anchors")
+            yield from self._anchored(seen, now_s)
         yield from self._estimate(seen, now_s)
         yield from self._astray(seen)
         if self._lowest_m is not None:
@@ -125,13 +141,25 @@ class Watch:
         """Yield a fault outside the box; below it, only where it sinks from where it was."""
         if seen.position_m is None:
             return
-        (low_x, low_y, low_z), high = self._spec.box_m
         if self._lowest_m is not None:
-            self._lowest_m = min(low_z, max(self._lowest_m, seen.position_m[2]))
-        low = (low_x, low_y, -math.inf if self._lowest_m is None else self._lowest_m)
-        outside_m = max(max(a - value, value - b) for a, b, value in zip(low, high, seen.position_m, strict=True))
+            self._lowest_m = min(self._spec.box_m[0][2], max(self._lowest_m, seen.position_m[2]))
+        outside_m = self._outside_box_m(seen.position_m)
         if outside_m > OUTSIDE_M:
             yield Fault("box", Action.LAND, f"it is {outside_m:.1f} m outside its box")
+
+    def _anchored(self, seen: Telemetry, now_s: float) -> Iterator[Fault]:
+        """Yield what its anchors tell: an estimator that does not take their poses may believe itself in its box."""
+        outside_m = self._outside_box_m(self._outside_m) if self._outside_m else 0.0
+        if self._lasts("outside by anchors", HASTE_S, now_s, holds=outside_m > OUTSIDE_M):
+            yield Fault("box", Action.LAND, f"by its anchors it is {outside_m:.1f} m outside its box")
+        gap_m = self.disagreement_m(seen, now_s)
+        if self._lasts("disagreement", DISAGREES_S, now_s, holds=gap_m > OUTSIDE_M):
+            yield Fault("disagreement", Action.LAND, f"its estimate is {gap_m:.1f} m from where its anchors put it")
+
+    def _outside_box_m(self, position_m: Vector) -> float:
+        (low_x, low_y, _), high = self._spec.box_m
+        low = (low_x, low_y, -math.inf if self._lowest_m is None else self._lowest_m)
+        return max(max(a - value, value - b) for a, b, value in zip(low, high, position_m, strict=True))
 
     def _haste(self, seen: Telemetry, now_s: float) -> Iterator[Fault]:
         speed_m_s = math.hypot(*seen.velocity_m_s)
