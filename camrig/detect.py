@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from camrig.geometry.arrays import GreyImage
-from camrig.geometry.lens import Lens
-from camrig.geometry.refine_corners import refine_corners
+from camrig.geometry.lens import BrownLens, Lens
 from camrig.interfaces import TagDetector
 from camrig.messages import Frame, Region, TagDetection, TagDetections
 
@@ -58,6 +57,15 @@ def detect_tags(
     )
 
 
+def warm_up() -> None:
+    """Load the machine code of refinement, or compile it: a quarter of a minute, once after an installation."""
+    from camrig.geometry.refine_corners import refine_corners  # noqa: PLC0415 - as below
+
+    square = np.array([[[16.0, 16.0], [48.0, 16.0], [48.0, 48.0], [16.0, 48.0]]])
+    lens = BrownLens((64, 64), (64.0, 64.0), (32.0, 32.0))
+    refine_corners(np.zeros((64, 64), np.uint8), lens, square, np.full(1, 8.0))
+
+
 def merged(regions: Sequence[Region], size_px: tuple[int, int]) -> tuple[Region, ...]:
     """Return disjoint regions inside a picture of ``size_px`` that hold all the given ones, each large enough."""
     width, height = size_px
@@ -75,6 +83,8 @@ def merged(regions: Sequence[Region], size_px: tuple[int, int]) -> tuple[Region,
 
 
 def _refined(image: GreyImage, lens: Lens, tags: Sequence[TagDetection]) -> tuple[TagDetection, ...]:
+    from camrig.geometry.refine_corners import refine_corners  # noqa: PLC0415 - loads numba; a stop must not wait for it
+
     cells = np.array([CELLS_ACROSS.get(tag.key.family, MOST_CELLS_ACROSS) for tag in tags], dtype=np.float64)
     found = refine_corners(image, lens, np.stack([tag.corners_px for tag in tags]), cells)
     return tuple(

@@ -1,4 +1,4 @@
-"""Where an edge crosses grey profiles drawn across it, to a hundredth of a pixel. Pure arrays.
+"""Where a tag's edges cross grey profiles drawn across them, to a hundredth of a pixel. Compiled; one tag at a time.
 
 Across an edge the grey value is ``middle + step (Phi((x - shift) / sigma) - 1/2)``: two levels, blurred by optics and
 pixels. Linear in middle, step and step times shift, so each is what one fixed filter makes of a profile. The filter of
@@ -12,17 +12,18 @@ to one side. Where that is not so (a shadow, a reflection), the edge's profiles 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr
 
 from camrig.geometry.arrays import Array, GreyImage
+from camrig.geometry.jit import compiled
 
 Flags = npt.NDArray[np.bool_]
 
-SIGMAS_PX = np.array([0.6, 0.8, 1.05, 1.4, 1.9, 2.6])
+SAMPLES = 11
+"""Samples along each profile."""
+SIGMAS_PX = (0.6, 0.8, 1.05, 1.4, 1.9, 2.6)
 """Blurs that are told apart: from sharp optics with their pixels to what is too much for a profile of 3 px each way."""
 SHARP_PX = 0.8
 LEAST_STEP, MOST_STEP = 0.5, 1.5
@@ -36,134 +37,166 @@ their levels are never quite even, and own levels fit better there where profile
 OWN_LEVELS_PX = 1.2
 """A profile must reach this far to tell levels of its own; a shorter one in uneven light tells nothing."""
 
-_SQRT_2PI = math.sqrt(2.0 * math.pi)
+_SQRT_2, _SQRT_2PI = math.sqrt(2.0), math.sqrt(2.0 * math.pi)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Crossings:
-    """What the profiles (k, 4, n) of k tags' four edges show: ``shift_px`` outwards to where the edge is, and whether
-    each shows the edge at all; ``sigma_px`` (k, 4) is the blur of each edge.
-    """
-
-    shift_px: Array
-    seen: Flags
-    sigma_px: Array
-
-
+@compiled
 def cross(
-    image: GreyImage, at_px: Array, outward: Array, reach_px: Array, samples: int, sigma_px: Array | None = None
-) -> Crossings:
-    """Find edges near (k, 4, n, 2) pixels, looking ``reach_px`` (k, 4) along unit vectors ``outward`` and against.
+    image: GreyImage, at_px: Array, outward: Array, reach_px: Array, sigma_px: Array, shift_px: Array, seen: Flags
+) -> None:
+    """Find a tag's edges near (4, n, 2) pixels, looking ``reach_px`` (4,) along unit vectors ``outward`` and against.
 
-    ``sigma_px`` (k, 4) is the blur of each edge where it is known.
+    ``sigma_px`` (4,) is the blur of each edge; where it is 0 it is not known yet, and is filled in. Fills ``shift_px``
+    (4, n) with how far outwards the edge is, ``seen`` with whether each profile shows the edge at all.
     """
-    offsets = reach_px[..., None] * np.linspace(-1.0, 1.0, samples)
-    profiles, inside = _sampled(image, at_px, outward, offsets)
-    if sigma_px is None:
-        sigma_px = _blurs(profiles.mean(axis=2), offsets)
-    model = _Model.of(offsets, sigma_px)
-    middle, step, bent = model.parts(profiles)
-    usual = middle_of(step.reshape(len(step), -1))[:, None, None]
-    contrast = step / np.where(np.abs(usual) > 1.0, usual, np.inf)
-    seen = inside & (contrast > LEAST_STEP) & (contrast < MOST_STEP)
-    plane_middle, plane_step = _planes(at_px, (middle, step), seen)
-    uneven = (np.square(middle - plane_middle) * seen).sum(axis=2)
-    limit = UNEVEN * np.maximum(1.0, np.square(UNEVEN_REACH_PX / reach_px)) * np.abs(usual[..., 0])
-    even = uneven <= np.square(limit) * seen.sum(axis=2)
-    bent = np.where(even[..., None], model.bent(profiles, plane_middle), bent)
-    step = np.where(even[..., None], plane_step, step)
-    shift_px = -bent / np.where(np.abs(step) > 1.0, step, np.inf)
-    seen &= (np.abs(shift_px) <= reach_px[..., None]) & (even | (reach_px >= OWN_LEVELS_PX))[..., None]
-    return Crossings(shift_px, seen, sigma_px)
+    n = at_px.shape[1]
+    middle, step, bent, on_slope = np.empty((4, n)), np.empty((4, n)), np.empty((4, n)), np.empty((4, n))
+    area, energy = np.empty(4), np.empty(4)
+    grey = np.empty((n, SAMPLES))
+    for edge in range(4):
+        for i in range(n):
+            seen[edge, i] = _sample(image, at_px[edge, i], outward[edge, i], reach_px[edge], grey[i])
+        if sigma_px[edge] <= 0.0:
+            sigma_px[edge] = _blur(grey, reach_px[edge])
+        area[edge], energy[edge] = _fit(
+            grey, reach_px[edge], sigma_px[edge], middle[edge], step[edge], bent[edge], on_slope[edge]
+        )
+    usual = upper_median(step.ravel())
+    for edge in range(4):
+        for i in range(n):
+            contrast = step[edge, i] / usual if abs(usual) > 1.0 else 0.0
+            seen[edge, i] &= LEAST_STEP < contrast < MOST_STEP
+    plane_middle, plane_step = np.empty((4, n)), np.empty((4, n))
+    _plane(at_px, middle, seen, plane_middle)
+    _plane(at_px, step, seen, plane_step)
+    for edge in range(4):
+        uneven, count = 0.0, 0
+        for i in range(n):
+            if seen[edge, i]:
+                uneven += (middle[edge, i] - plane_middle[edge, i]) ** 2
+                count += 1
+        most = UNEVEN * max(1.0, (UNEVEN_REACH_PX / reach_px[edge]) ** 2) * usual
+        even = uneven <= most * most * count
+        for i in range(n):
+            level, known = step[edge, i], bent[edge, i]
+            if even:
+                level = plane_step[edge, i]
+                known = (on_slope[edge, i] - plane_middle[edge, i] * area[edge]) / energy[edge]
+            shift_px[edge, i] = -known / level if abs(level) > 1.0 else 0.0
+            within = abs(shift_px[edge, i]) <= reach_px[edge]
+            seen[edge, i] &= within and (even or reach_px[edge] >= OWN_LEVELS_PX)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Model:
-    """What profiles are made of: 1, ``rise`` (..., samples), the step about its middle, and ``slope``, the step's
-    derivative. On samples at both sides alike, 1 and slope are even and rise is odd, so that it goes by itself.
-    """
-
-    rise: Array
-    slope: Array
-
-    @classmethod
-    def of(cls, offsets: Array, sigma_px: Array) -> _Model:
-        z = offsets / sigma_px[..., None]
-        return cls(ndtr(z) - 0.5, np.exp(-0.5 * z * z) / (_SQRT_2PI * sigma_px[..., None]))
-
-    def parts(self, profiles: Array) -> tuple[Array, Array, Array]:
-        """Return the middle level, the step, and minus the step times the shift, each (..., n), of (..., n, samples)
-        profiles: least squares.
-        """
-        total, on_slope = profiles.sum(axis=-1), _on(profiles, self.slope)
-        n, area, energy = self.rise.shape[-1], self.slope.sum(axis=-1)[..., None], _energy(self.slope)
-        det = n * energy - area * area
-        middle, bent = (energy * total - area * on_slope) / det, (n * on_slope - area * total) / det
-        return middle, _on(profiles, self.rise) / _energy(self.rise), bent
-
-    def bent(self, profiles: Array, middle: Array) -> Array:
-        """Return minus the step times the shift where the middle level is known."""
-        area = self.slope.sum(axis=-1)[..., None]
-        return np.asarray((_on(profiles, self.slope) - middle * area) / _energy(self.slope))
+@compiled
+def upper_median(values: Array) -> float:
+    """Return the median of (n,) values; of an even number, the larger middle one."""
+    half = len(values) // 2
+    return np.partition(values, half)[half]  # type: ignore[no-any-return]
 
 
-def _on(profiles: Array, part: Array) -> Array:
-    return np.asarray((profiles @ part[..., None])[..., 0])
-
-
-def _energy(part: Array) -> Array:
-    return np.asarray(np.square(part).sum(axis=-1)[..., None])
-
-
-def middle_of(values: Array) -> Array:
-    """Return the median along the last axis; of an even number, the larger middle one."""
-    half = values.shape[-1] // 2
-    return np.asarray(np.partition(values, half, axis=-1)[..., half])
-
-
-def _sampled(image: GreyImage, at_px: Array, outward: Array, offsets: Array) -> tuple[Array, Flags]:
-    """Return grey values (k, 4, n, samples), bilinear, and which profiles lie in the picture as a whole.
+@compiled
+def _sample(image: GreyImage, at_px: Array, outward: Array, reach_px: float, grey: Array) -> bool:
+    """Fill ``grey`` (SAMPLES,) with bilinear values along a profile; tell whether all of it lies in the picture.
 
     Not by cv2.remap, which rounds places to 1/32 px and values to whole grey levels.
     """
     height, width = image.shape
-    x = at_px[..., 0, None] + offsets[:, :, None] * outward[..., 0, None]
-    y = at_px[..., 1, None] + offsets[:, :, None] * outward[..., 1, None]
-    inside = _within(x, width) & _within(y, height)
-    if not inside.all():
-        x, y = np.clip(x, 0.0, width - 1.001), np.clip(y, 0.0, height - 1.001)
-    column, row = x.astype(np.int64), y.astype(np.int64)
-    right, down = x - column, y - row
-    grey, place = image.reshape(-1), row * width + column
-    upper, lower = (grey.take(place + below).astype(np.float64) for below in (0, width))
-    upper += right * (grey.take(place + 1) - upper)
-    lower += right * (grey.take(place + width + 1) - lower)
-    return upper + down * (lower - upper), inside
+    inside = True
+    for j in range(SAMPLES):
+        offset = reach_px * (2.0 * j / (SAMPLES - 1) - 1.0)
+        x, y = at_px[0] + offset * outward[0], at_px[1] + offset * outward[1]
+        if not (0.0 <= x < width - 1.0 and 0.0 <= y < height - 1.0):  # NaN too
+            inside = False
+            x = min(max(x, 0.0), width - 1.001) if x == x else 0.0  # noqa: PLR0124
+            y = min(max(y, 0.0), height - 1.001) if y == y else 0.0  # noqa: PLR0124
+        column, row = int(x), int(y)
+        right, down = x - column, y - row
+        upper = image[row, column] + right * (float(image[row, column + 1]) - image[row, column])
+        lower = image[row + 1, column] + right * (float(image[row + 1, column + 1]) - image[row + 1, column])
+        grey[j] = upper + down * (lower - upper)
+    return inside
 
 
-def _within(x: Array, size: int) -> Flags:
-    """Tell which profiles (..., samples) have both ends within 0 to ``size`` - 1, neighbours for bilinear included."""
-    first, last = x[..., 0], x[..., -1]
-    return np.asarray((np.minimum(first, last) >= 0.0) & (np.maximum(first, last) < size - 1.0))
+@compiled
+def _model(reach_px: float, sigma_px: float, rise: Array, slope: Array) -> tuple[float, float, float]:
+    """Fill in (SAMPLES,) what profiles are made of beside a level: ``rise``, the step about its middle, and ``slope``,
+    the step's derivative; return the sums of slope, of its squares, and of rise's squares.
+
+    On samples at both sides alike, 1 and slope are even and rise is odd, so that it goes by itself.
+    """
+    area, energy, rise_energy = 0.0, 0.0, 0.0
+    for j in range(SAMPLES):
+        z = reach_px * (2.0 * j / (SAMPLES - 1) - 1.0) / sigma_px
+        rise[j], slope[j] = 0.5 * math.erf(z / _SQRT_2), math.exp(-0.5 * z * z) / (_SQRT_2PI * sigma_px)
+        area += slope[j]
+        energy += slope[j] * slope[j]
+        rise_energy += rise[j] * rise[j]
+    return area, energy, rise_energy
 
 
-def _blurs(mean_profile: Array, offsets: Array) -> Array:
-    """Return the (k, 4) sigma that explains each edge's mean profile (k, 4, samples) best."""
-    tried = np.broadcast_to(SIGMAS_PX, (*offsets.shape[:2], len(SIGMAS_PX)))
-    model = _Model.of(offsets[:, :, None], tried)
-    profile = mean_profile[:, :, None, None]
-    middle, step, bent = (part[..., 0, None] for part in model.parts(profile))
-    rest = profile[..., 0, :] - middle - step * model.rise - bent * model.slope
-    return np.asarray(SIGMAS_PX[np.argmin(np.square(rest).sum(axis=-1), axis=-1)])
+@compiled
+def _fit(
+    grey: Array, reach_px: float, sigma_px: float, middle: Array, step: Array, bent: Array, on_slope: Array
+) -> tuple[float, float]:
+    """Fill in (n,) the middle level, the step, minus the step times the shift of (n, SAMPLES) profiles, by least
+    squares, and what each has along the model's slope; return the sums of that slope and of its squares.
+    """
+    rise, slope = np.empty(SAMPLES), np.empty(SAMPLES)
+    area, energy, rise_energy = _model(reach_px, sigma_px, rise, slope)
+    det = SAMPLES * energy - area * area
+    for i in range(len(grey)):
+        total, along_slope, along_rise = 0.0, 0.0, 0.0
+        for j in range(SAMPLES):
+            total += grey[i, j]
+            along_slope += grey[i, j] * slope[j]
+            along_rise += grey[i, j] * rise[j]
+        middle[i], step[i] = (energy * total - area * along_slope) / det, along_rise / rise_energy
+        bent[i], on_slope[i] = (SAMPLES * along_slope - area * total) / det, along_slope
+    return area, energy
 
 
-def _planes(at_px: Array, levels: tuple[Array, Array], seen: Flags) -> tuple[Array, Array]:
-    """Fit a plane over each tag to each of its profiles' levels (k, 4, n); return the planes there."""
-    k = len(at_px)
-    places = at_px.reshape(k, -1, 2)
-    apart = places - places.mean(axis=1, keepdims=True)
-    plane = np.concatenate([np.ones((*places.shape[:2], 1)), apart / np.abs(apart).max()], axis=-1)
-    weighted = (plane * (seen.reshape(k, -1, 1) + 1e-9)).swapaxes(1, 2)
-    stacked = np.stack([level.reshape(k, -1) for level in levels], axis=-1)
-    fitted = plane @ np.linalg.solve(weighted @ plane, weighted @ stacked)
-    return fitted[..., 0].reshape(seen.shape), fitted[..., 1].reshape(seen.shape)
+@compiled
+def _blur(grey: Array, reach_px: float) -> float:
+    """Return the sigma that explains the mean of an edge's (n, SAMPLES) profiles best."""
+    mean = np.zeros((1, SAMPLES))
+    for i in range(len(grey)):
+        for j in range(SAMPLES):
+            mean[0, j] += grey[i, j] / len(grey)
+    middle, step, bent, on_slope = np.empty(1), np.empty(1), np.empty(1), np.empty(1)
+    rise, slope = np.empty(SAMPLES), np.empty(SAMPLES)
+    best, least = SHARP_PX, np.inf
+    for sigma_px in SIGMAS_PX:
+        _model(reach_px, sigma_px, rise, slope)
+        _fit(mean, reach_px, sigma_px, middle, step, bent, on_slope)
+        rest = 0.0
+        for j in range(SAMPLES):
+            rest += (mean[0, j] - middle[0] - step[0] * rise[j] - bent[0] * slope[j]) ** 2
+        if rest < least:
+            best, least = sigma_px, rest
+    return best
+
+
+@compiled
+def _plane(at_px: Array, level: Array, seen: Flags, plane: Array) -> None:
+    """Fit a plane over the tag to a level (4, n) where profiles show their edge; fill in what it is at each, (4, n)."""
+    n = level.shape[1]
+    count, x0, y0, level0 = 1e-300, 0.0, 0.0, 0.0
+    for k in range(4 * n):
+        if seen[k // n, k % n]:
+            count += 1.0
+            x0 += at_px[k // n, k % n, 0]
+            y0 += at_px[k // n, k % n, 1]
+            level0 += level[k // n, k % n]
+    x0, y0, level0 = x0 / count, y0 / count, level0 / count
+    xx, xy, yy, xl, yl = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(4 * n):
+        if seen[k // n, k % n]:
+            dx, dy = at_px[k // n, k % n, 0] - x0, at_px[k // n, k % n, 1] - y0
+            rise = level[k // n, k % n] - level0
+            xx, xy, yy, xl, yl = xx + dx * dx, xy + dx * dy, yy + dy * dy, xl + dx * rise, yl + dy * rise
+    det = xx * yy - xy * xy
+    flat = det <= 1e-9 * (xx + yy) ** 2  # profiles of one edge alone: no plane
+    along_x, along_y = (0.0, 0.0) if flat else ((yy * xl - xy * yl) / det, (xx * yl - xy * xl) / det)
+    for k in range(4 * n):
+        dx, dy = at_px[k // n, k % n, 0] - x0, at_px[k // n, k % n, 1] - y0
+        plane[k // n, k % n] = level0 + along_x * dx + along_y * dy

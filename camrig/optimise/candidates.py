@@ -14,11 +14,11 @@ import numpy as np
 
 from camrig.geometry.airspace import inside_any
 from camrig.geometry.arrays import Array
+from camrig.geometry.lens_row import ALPHA
 from camrig.optimise.kernels.aims import directions_worth_a_look, grid_directions, head_vectors, pairs_of, within
 from camrig.optimise.kernels.pose import lens_of, pose_of
 from camrig.optimise.kernels.problem import MARGIN, PAN, POINT, VARIABLES, ZOOM, Ints, Problem, X, Y, Z
 from camrig.optimise.kernels.vertex import vertices
-from camrig.sensing.lens_row import ALPHA
 from camrig.sensing.view import side_angles
 
 _FLOOR_AIMS, _FLOOR_LOOKS = (81, 400), 4_000

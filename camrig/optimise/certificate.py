@@ -15,6 +15,7 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array
 
 from camrig.geometry.arrays import Array
+from camrig.geometry.lens_row import R_MAX
 from camrig.optimise.configuration import Task
 from camrig.optimise.kernels.problem import (
     ARM_T,
@@ -33,7 +34,6 @@ from camrig.optimise.kernels.problem import (
 )
 from camrig.optimise.kernels.table import rows_of
 from camrig.optimise.search import Expired
-from camrig.sensing.lens_row import R_MAX
 
 _TURN_STEP_RAD = math.radians(2.0)
 _MOST_POSES = 60_000

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from camrig.geometry.arrays import Array
+from camrig.geometry.lens_row import FX, FY
 from camrig.optimise.kernels.compass import Rows, fill, placed_well
 from camrig.optimise.kernels.problem import (
     ARM_T,
@@ -27,7 +28,6 @@ from camrig.optimise.kernels.problem import (
 from camrig.optimise.kernels.state import Sums, fused
 from camrig.optimise.kernels.table import anchored
 from camrig.optimise.objective import Score, score
-from camrig.sensing.lens_row import FX, FY
 
 _MOST_VARIABLES = 50
 

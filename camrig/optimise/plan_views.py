@@ -13,6 +13,7 @@ import numpy as np
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.lens import Lens
+from camrig.geometry.lens_row import ALPHA, R_MAX, lens_from_row
 from camrig.geometry.pan_tilt import PanTilt
 from camrig.geometry.pose import transform
 from camrig.messages import RigPlan
@@ -22,7 +23,6 @@ from camrig.optimise.kernels.problem import NORMAL, POINT
 from camrig.optimise.places import vector_of
 from camrig.optimise.problem import problem_of
 from camrig.optimise.scene import HeadPlace, Scene, SceneTarget
-from camrig.sensing.lens_row import ALPHA, R_MAX, lens_from_row
 
 _PAIRS = 4_000_000
 """Of a camera and a place, looked at together: what bounds the memory of a map."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camrig.geometry.arrays import Array
+from camrig.geometry.lens_row import SIZE, lens_row
 from camrig.geometry.tags import tag_corners
 from camrig.optimise.check import check
 from camrig.optimise.kernels.problem import (
@@ -48,7 +49,6 @@ from camrig.optimise.kernels.problem import (
 )
 from camrig.optimise.places import bounds, frames
 from camrig.optimise.scene import DronePlace, PlannerSettings, Scene, SceneCamera, SceneTarget
-from camrig.sensing.lens_row import SIZE, lens_row
 
 _MODELS = {"pixel": PIXEL, "fisher": FISHER, "perspective": PERSPECTIVE}
 

@@ -11,6 +11,7 @@ from functools import partial
 
 from camrig.clock import Clock, RealClock
 from camrig.config.rig_file import RigConfig
+from camrig.detect import warm_up
 from camrig.errors import CamrigError, HardwareError
 from camrig.interfaces import Sink
 from camrig.messages import FlightState, HeadAim, LinkReport
@@ -75,6 +76,8 @@ class Daemon:
             raise
 
     def _start(self) -> None:
+        if self.config.refine:
+            warm_up()  # before anything is open: a camera's thread must not be silent for so long
         self._guardian = GuardianLink()
         self._open.callback(self._guardian.close)
         self.devices = self._build(self._guardian)

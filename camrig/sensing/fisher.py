@@ -24,7 +24,7 @@ from camrig.geometry.corner_noise import (
     UNREFINED_WIDTH_PX,
 )
 from camrig.geometry.jit import compiled
-from camrig.sensing.lens_row import FX, FY, REFINED, curvatures_at, pixel_at, slopes_at
+from camrig.geometry.lens_row import FX, FY, REFINED, curvatures_at, pixel_at, slopes_at
 
 
 @compiled

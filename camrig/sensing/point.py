@@ -9,7 +9,7 @@ import math
 
 from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
-from camrig.sensing.lens_row import FX, FY, curvatures_at, slopes_at
+from camrig.geometry.lens_row import FX, FY, curvatures_at, slopes_at
 
 
 @compiled

@@ -10,7 +10,7 @@ import math
 
 from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
-from camrig.sensing.lens_row import ALPHA, CX, CY, FX, FY, HEIGHT, R_MAX, WIDTH, sensor_at, slopes_at
+from camrig.geometry.lens_row import ALPHA, CX, CY, FX, FY, HEIGHT, R_MAX, WIDTH, sensor_at, slopes_at
 
 ANGLE_SLACK_RAD = 1e-9
 """A target exactly on the edge of view counts as seen; optima sit there."""

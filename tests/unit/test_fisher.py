@@ -15,10 +15,10 @@ from camrig.geometry import pose
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.corner_noise import detected_sigma_px, planned_sigma_px, tag_width_px
 from camrig.geometry.lens import Lens
+from camrig.geometry.lens_row import lens_row
 from camrig.geometry.rotation import rotation_exp, rotation_x, rotation_y, rotation_z
 from camrig.geometry.tags import tag_corners
 from camrig.sensing.fisher import corner_rows, corner_sigma, invert_symmetric, place_covariance, tag_information
-from camrig.sensing.lens_row import lens_row
 from tests.lenses import ALL, FISHEYE, LAB, TANGENTIAL, opencv_camera
 
 SIZE_M = 0.162

@@ -15,7 +15,7 @@ from camrig.geometry.arrays import Array
 from camrig.geometry.lens import BrownLens, FisheyeLens, Lens
 from camrig.geometry.lens.brown import brown_curvatures, brown_slopes
 from camrig.geometry.lens.fisheye import fisheye_curvatures, fisheye_slopes
-from camrig.sensing.lens_row import curvatures_at, half_angle, lens_row, pixel_at, sensor_at, slopes_at
+from camrig.geometry.lens_row import curvatures_at, half_angle, lens_row, pixel_at, sensor_at, slopes_at
 from tests.lenses import ALL, FISHEYE, LAB, ideal_points, in_space, opencv_camera
 
 STEP = 1e-5

@@ -13,11 +13,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from camrig import optimise
+from camrig.geometry.lens_row import half_angle
 from camrig.messages import Aim, DroneAim, RigPlan
 from camrig.optimise import PlannerSettings, Scene
 from camrig.optimise.kernels.pose import pose_of
 from camrig.optimise.scene import Visibility
-from camrig.sensing.lens_row import half_angle
 from tests.planner_scenes import (
     LAB,
     XY,

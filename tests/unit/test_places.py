@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from camrig.geometry.lens_row import FX
 from camrig.geometry.pan_tilt import PanTilt
 from camrig.geometry.pose import transform
 from camrig.geometry.rotation import rotation_exp, rotation_from_rpy, rotation_z
@@ -21,7 +22,6 @@ from camrig.optimise.kernels.problem import PAN, TILT, VARIABLES, ZOOM, Problem
 from camrig.optimise.places import aim_of, bounds, vector_of
 from camrig.optimise.problem import problem_of
 from camrig.optimise.scene import ZoomStep
-from camrig.sensing.lens_row import FX
 from tests.planner_scenes import BOX, LAB, LEVEL, drone, head, targets
 from tests.planner_scenes import TILT as TILT_LIMITS
 

@@ -10,6 +10,7 @@ import pytest
 
 from camrig.errors import InputError
 from camrig.geometry.lens import BrownLens, FisheyeLens, Lens
+from camrig.geometry.lens_row import lens_from_row, lens_row
 from camrig.geometry.pan_tilt import R_BODY_OPTICAL_DOWN, R_MOUNT_OPTICAL, PanTilt
 from camrig.geometry.pose import transform
 from camrig.messages import Aim, DroneAim, HeadAim, PlanStatus, RigPlan
@@ -28,7 +29,6 @@ from camrig.optimise import (
     views,
 )
 from camrig.optimise.scene import Quality
-from camrig.sensing.lens_row import lens_from_row, lens_row
 
 LAB = BrownLens((1280, 800), (827.7, 827.9), (640.0, 400.0), (-0.335814, 0.101432, 0.001, -0.001, 0.0))
 HEAD = SceneCamera(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from camrig import sensing
 from camrig.geometry.arrays import Array
 from camrig.geometry.lens import BrownLens, FisheyeLens, Lens
-from camrig.sensing.lens_row import half_angle, lens_row
+from camrig.geometry.lens_row import half_angle, lens_row
 from camrig.sensing.point import (
     perspective_gain,
     perspective_gain_slopes,

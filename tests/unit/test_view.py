@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from camrig.geometry.arrays import Array
 from camrig.geometry.lens import BrownLens, Lens
+from camrig.geometry.lens_row import half_angle, lens_row
 from camrig.optimise.kernels.problem import Flags
-from camrig.sensing.lens_row import half_angle, lens_row
 from camrig.sensing.view import cone_clearance, image_clearance, in_cone, in_image
 from tests.lenses import ALL, LAB, TANGENTIAL
 

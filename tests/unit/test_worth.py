@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from camrig import optimise
 from camrig.geometry import pose
 from camrig.geometry.arrays import Array
+from camrig.geometry.lens_row import lens_row
 from camrig.geometry.pan_tilt import PanTilt
 from camrig.geometry.rotation import rotation_exp
 from camrig.messages import HeadAim
@@ -22,7 +23,6 @@ from camrig.optimise.kernels.problem import CORNERS, FISHER, PAN, TILT, Problem
 from camrig.optimise.kernels.worth import add_worth, known_pose, lever_of, quality_of, quality_slopes
 from camrig.optimise.problem import problem_of
 from camrig.sensing.fisher import corner_sigma
-from camrig.sensing.lens_row import lens_row
 from tests.lenses import LAB
 from tests.planner_scenes import LEVEL, head, under
 from tests.planner_scenes import PAN as PAN_LIMITS

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from camrig.geometry import pose
 from camrig.geometry.arrays import Array
 from camrig.geometry.corner_noise import NOISE_PX, SMALL_TAG_PX2, tag_width_px
+from camrig.geometry.lens_row import R_MAX, pixel_at
 from camrig.geometry.pan_tilt import R_BODY_OPTICAL_DOWN, PanTilt
 from camrig.geometry.rotation import rotation_exp
 from camrig.optimise import (
@@ -35,7 +36,6 @@ from camrig.optimise.kernels.slopes import worth_slopes
 from camrig.optimise.kernels.worth import anchors_in_view
 from camrig.optimise.problem import problem_of
 from camrig.optimise.scene import Quality, Visibility, ZoomStep
-from camrig.sensing.lens_row import R_MAX, pixel_at
 from tests.lenses import FISHEYE, LAB, PRISM
 from tests.planner_scenes import LEVEL, PAN, TILT, drone, head, task
 

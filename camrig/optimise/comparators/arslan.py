@@ -21,10 +21,10 @@ from __future__ import annotations
 import numpy as np
 
 from camrig.geometry.arrays import Array
+from camrig.geometry.lens_row import ALPHA
 from camrig.optimise.comparators.common import Asked, Found, looking_at, middle, random_rig
 from camrig.optimise.kernels.pose import lens_of, pose_of
 from camrig.optimise.kernels.problem import PAN, TILT, Problem, Z
-from camrig.sensing.lens_row import ALPHA
 
 _L = 2
 _REACH_SLACK = 1.05

@@ -12,6 +12,7 @@ import numpy as np
 
 from camrig.geometry.arrays import Array
 from camrig.geometry.lens.brown import brown_sensor, brown_slopes
+from camrig.geometry.lens_row import ALPHA, COEFFICIENTS, CX, CY, FX, FY, HEIGHT, R_MAX, WIDTH
 from camrig.optimise.comparators.common import free_variables
 from camrig.optimise.kernels.problem import (
     ARM_R,
@@ -35,7 +36,6 @@ from camrig.optimise.kernels.problem import (
 )
 from camrig.optimise.kernels.sight import NEAR_M
 from camrig.optimise.kernels.smoothed import AXIS_M2
-from camrig.sensing.lens_row import ALPHA, COEFFICIENTS, CX, CY, FX, FY, HEIGHT, R_MAX, WIDTH
 
 Symbol = Any
 """A CasADi expression, or a number that stands for one."""

@@ -14,11 +14,11 @@ import numpy as np
 
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array
+from camrig.geometry.lens_row import IS_FISHEYE
 from camrig.optimise.comparators.common import Asked, Found, free_variables, random_rig
 from camrig.optimise.comparators.graph import Graph, Symbol, graph_of
 from camrig.optimise.comparators.smoothing import INSIDE, MM, MOST_ITERATIONS, STAGES, TOLERANCE, typical_m
 from camrig.optimise.kernels.problem import FISHER
-from camrig.sensing.lens_row import IS_FISHEYE
 
 _QUIET = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "error_on_fail": False}
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from camrig.geometry.lens_row import FX, FY
 from camrig.optimise.kernels.problem import FISHER, Problem, Z
-from camrig.sensing.lens_row import FX, FY
 
 MM = 1e3
 """Solvers work in millimetres: values about 1."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
+from camrig.geometry.lens_row import ALPHA, FX, FY, SIZE, WIDTH
 from camrig.optimise.kernels.problem import (
     ARM_R,
     ARM_T,
@@ -21,7 +22,6 @@ from camrig.optimise.kernels.problem import (
     TILT,
     ZOOM,
 )
-from camrig.sensing.lens_row import ALPHA, FX, FY, SIZE, WIDTH
 
 Pose = tuple[Array, Array]
 """R_world_camera (3, 3) and the camera's place (3,)."""

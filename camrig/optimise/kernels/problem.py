@@ -48,7 +48,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 class Problem(NamedTuple):
-    """n cameras, L rows of lenses (sensing.lens_row), m targets, A anchors, B boxes; metres, radians, world frame."""
+    """n cameras, L rows of lenses (geometry.lens_row), m targets, A anchors, B boxes; metres, radians, world frame."""
 
     cameras: Array
     """(n, CAMERA_SIZE)"""

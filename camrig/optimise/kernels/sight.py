@@ -9,6 +9,7 @@ import numpy as np
 from camrig.geometry.airspace import crosses_box
 from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
+from camrig.geometry.lens_row import ALPHA, R_MAX, pixel_at
 from camrig.optimise.kernels.problem import (
     CONE,
     CORNERS,
@@ -22,7 +23,6 @@ from camrig.optimise.kernels.problem import (
     ROOM,
     TAGGED,
 )
-from camrig.sensing.lens_row import ALPHA, R_MAX, pixel_at
 from camrig.sensing.view import ANGLE_SLACK_RAD, in_cone, in_image
 
 NEAR_M = 0.05

@@ -11,6 +11,7 @@ import numpy as np
 
 from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
+from camrig.geometry.lens_row import ALPHA, WIDTH
 from camrig.optimise.kernels.pose import lens_of, pose_of
 from camrig.optimise.kernels.problem import (
     CONE,
@@ -29,7 +30,6 @@ from camrig.optimise.kernels.problem import (
 )
 from camrig.optimise.kernels.sight import to_camera
 from camrig.optimise.kernels.slopes import STEP
-from camrig.sensing.lens_row import ALPHA, WIDTH
 from camrig.sensing.view import cone_clearance, image_clearance
 
 CENTRE, EDGES = 4, 5

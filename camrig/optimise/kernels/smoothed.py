@@ -17,6 +17,7 @@ import numpy as np
 
 from camrig.geometry.arrays import Array
 from camrig.geometry.jit import compiled
+from camrig.geometry.lens_row import ALPHA, R_MAX, WIDTH
 from camrig.optimise.kernels.pose import lens_of, pose_of
 from camrig.optimise.kernels.problem import (
     CHANNELS,
@@ -36,7 +37,6 @@ from camrig.optimise.kernels.problem import (
 from camrig.optimise.kernels.sight import NEAR_M, to_camera
 from camrig.optimise.kernels.slopes import STEP
 from camrig.optimise.kernels.worth import add_worth, known_pose, quality_slopes
-from camrig.sensing.lens_row import ALPHA, R_MAX, WIDTH
 from camrig.sensing.point import perspective_gain, pixel_gain
 from camrig.sensing.view import image_clearance
 

@@ -1,4 +1,4 @@
-"""A lens as a row of numbers, and its formulas compiled: what the kernels here and in ``optimise`` use.
+"""A lens as a row of numbers, and its formulas compiled: what the kernels here, in ``sensing`` and in ``optimise`` use.
 
 A zoom lens is several rows; between two of them everything is interpolated.
 """
@@ -37,7 +37,7 @@ def lens_row(lens: Lens, alpha_rad: float | None = None, *, refined: bool = Fals
     Raises InputError for a lens model that the kernels do not know.
     """
     if not isinstance(lens, BrownLens | FisheyeLens):
-        raise InputError(f"the planner knows Brown-Conrady and fisheye lenses, not {type(lens).__name__}")
+        raise InputError(f"the kernels know Brown-Conrady and fisheye lenses, not {type(lens).__name__}")
     row = np.zeros(SIZE)
     row[FX], row[FY] = lens.focal_px
     row[CX], row[CY] = lens.centre_px
