@@ -119,6 +119,17 @@ class TagDetector(Protocol):
         ...
 
 
+@runtime_checkable
+class SearchesCoarser(Protocol):
+    """What a detector's driver offers besides, where it can look for one picture's tags coarser than for the next's."""
+
+    def detect_shrunk(self, image: GreyImage, decimate: float) -> tuple[TagDetection, ...]:
+        """Find all tags as ``detect`` does, with the search for squares in a picture shrunk by ``decimate`` (2, 3 or 4)
+        instead of what is configured.
+        """
+        ...
+
+
 class Actuator(Protocol):
     """What heads and drones have in common."""
 

@@ -19,7 +19,7 @@ from rich.progress import track
 from camrig.detect import detect_tags
 from camrig.geometry.arrays import Array
 from camrig.geometry.corner_noise import refined_sigma_px, tag_width_px
-from camrig.messages import Frame, TagDetection
+from camrig.messages import Frame, TagDetection, Window
 from camrig.plugins import load_plugin
 from camrig.rig import TagKey
 from tests.drawn_tags import DrawnTag, draw_tag, random_pose
@@ -53,7 +53,9 @@ def seen_tags(count: int, seed: int) -> Iterator[SeenCorners]:
             T_camera_tag = random_pose(LAB, rng, width_px, rng.uniform(RADII[0], RADII[-1]))
             drawn = draw_tag(LAB, T_camera_tag, rng, key=TagKey("tag36h11", int(rng.integers(500))))
         frame = Frame("c", drawn.image, 0.0, 0)
-        before, after = (detect_tags(frame, detector, lambda: 0.0, [drawn.region], lens).tags for lens in (None, LAB))
+        before, after = (
+            detect_tags(frame, detector, lambda: 0.0, [Window(drawn.region)], lens).tags for lens in (None, LAB)
+        )
         if len(before) == 1:
             yield _compared(drawn, before[0], after[0])
 

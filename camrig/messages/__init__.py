@@ -26,6 +26,7 @@ from camrig.messages.measured import (
     Region,
     TagDetection,
     TagDetections,
+    Window,
 )
 from camrig.messages.planned import (
     Aim,
@@ -83,4 +84,5 @@ __all__ = [
     "Target",
     "TargetQuality",
     "TargetStatus",
+    "Window",
 ]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
+
+import numpy as np
 
 from camrig.errors import LinkLoss
 from camrig.geometry.arrays import Array, GreyImage, Transform
@@ -60,17 +63,45 @@ Region = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True)
+class Window:
+    """A region of one picture in which a tag is expected, and how long its shortest side is there; NaN: unknown."""
+
+    region: Region
+    key: TagKey | None = None
+    side_px: float = math.nan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Expected:
-    """Where the tags of one camera's pictures are expected, for frames stamped ``from_s`` to ``until_s``."""
+    """Where n tags are expected in one camera's pictures, for frames stamped ``from_s`` to ``until_s``.
+
+    ``edges_px`` (3, n, 4) are left, top, right and bottom of the region that surely holds a tag and its rim at
+    ``from_s``, half way and at ``until_s``; in between they move evenly. ``sides_px`` (n,) is a tag's shortest side.
+    """
 
     camera_id: str
     from_s: float
     until_s: float
-    regions: tuple[Region, ...]
+    keys: tuple[TagKey, ...]
+    edges_px: Array
+    sides_px: Array
 
     def holds_at(self, stamp_s: float) -> bool:
         """Tell whether a frame of this stamp may be searched there alone."""
         return self.from_s <= stamp_s <= self.until_s
+
+    def windows_at(self, stamp_s: float) -> tuple[Window, ...]:
+        """Return the regions at a stamp, in whole pixels; also those outside the picture."""
+        way = min(max(2.0 * (stamp_s - self.from_s) / max(self.until_s - self.from_s, 1e-9), 0.0), 2.0)
+        part = int(min(way, 1.0))
+        edges = self.edges_px[part] + (way - part) * (self.edges_px[part + 1] - self.edges_px[part])
+        whole = np.concatenate([np.floor(edges[:, :2]), np.ceil(edges[:, 2:]) + 1.0], axis=1).astype(np.int64)
+        return tuple(
+            Window((left, top, right, bottom), key, side_px)
+            for key, (left, top, right, bottom), side_px in zip(
+                self.keys, whole.tolist(), self.sides_px.tolist(), strict=True
+            )
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ def step(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     said = (*inputs.events, *link_events, *fresh, *events)
     published = Published(now_s, targets, said, inputs.links, plan.plan, seen.sightings, seen.camera_poses)
     news = seen.camera_poses or commands
-    regions = expected(state, targets, known.pose, rig, now_s) if news else None
+    regions = expected(state, targets, rig, now_s) if news else None
     return state, Outputs(published, request, commands, regions, seen.head_angles)
 
 

@@ -296,7 +296,8 @@ class Daemon:
                     camera,
                     detector,
                     clock,
-                    config.rig.cameras[name].lens if config.refine else None,
+                    config.rig.cameras[name].lens,
+                    config.refine,
                     told=pilot(name, config.rig, drones),
                 )
                 for name, camera in make_devices(config, "cameras").items()

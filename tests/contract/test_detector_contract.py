@@ -18,7 +18,7 @@ import pytest
 
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array, GreyImage
-from camrig.interfaces import Plugin, TagDetector
+from camrig.interfaces import Plugin, SearchesCoarser, TagDetector
 from camrig.messages import TagDetection
 from camrig.plugins import load_plugin
 from camrig.rig import TagKey
@@ -106,6 +106,15 @@ class TestEveryDetector:
         assert len(errors) == 16
         np.testing.assert_allclose(np.mean(errors, axis=(0, 1)), 0.0, atol=0.03)
         assert np.median(np.linalg.norm(errors, axis=2)) < 0.1
+
+    @pytest.mark.parametrize("decimate", [2.0, 3.0, 4.0])
+    def test_one_picture_can_be_searched_coarser_than_the_next(self, detector: TagDetector, decimate: float) -> None:
+        assert isinstance(detector, SearchesCoarser)
+        corners, small = square(96.0, 0.3), square(14.0, 0.3)
+        (tag,) = detector.detect_shrunk(draw(TagKey("tag36h11", 7), corners), decimate)
+        np.testing.assert_allclose(tag.corners_px, corners, atol=0.2)
+        assert detector.detect_shrunk(draw(TagKey("tag36h11", 7), small), 4.0) == ()
+        assert one(detector, draw(TagKey("tag36h11", 7), square(24.0, 0.3))).key.id == 7
 
     def test_margin_is_about_half_the_contrast(self, detector: TagDetector) -> None:
         assert one(detector, draw(TagKey("tag36h11", 3), square(80.0))).margin == pytest.approx(

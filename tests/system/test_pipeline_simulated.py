@@ -130,7 +130,7 @@ def in_a_region(corners_px: Array, regions: tuple[Region, ...]) -> bool:
     return any((rim >= each[:2]).all() and (rim <= each[2:]).all() for each in regions)
 
 
-def test_every_tag_that_a_resting_camera_sees_lies_in_a_small_region() -> None:
+def test_every_tag_lies_in_a_small_region_also_while_the_head_turns() -> None:
     simulation = watched(3)
     shares: list[float] = []
     checked = 0
@@ -140,14 +140,15 @@ def test_every_tag_that_a_resting_camera_sees_lies_in_a_small_region() -> None:
                 expected = in_force(simulation, found, found.stamp_s + fetch_s)
                 if expected is None:
                     continue
-                regions = merged(expected.regions, found.size_px)
+                windows = expected.windows_at(found.stamp_s)
+                regions = merged([window.region for window in windows], found.size_px)
                 for tag in found.tags:
                     assert in_a_region(tag.corners_px, regions), f"{tag.key} in {found.camera_id} at {found.stamp_s}"
                 checked += len(found.tags)
                 shares.append(sum((right - left) * (bottom - top) for left, top, right, bottom in regions) / PICTURE_PX)
     assert checked > 1000
     assert np.mean(shares) < 0.2
-    assert np.quantile(shares, 0.99) < WHOLE_SHARE
+    assert np.quantile(shares, 0.95) < WHOLE_SHARE
 
 
 # --- trouble ------------------------------------------------------------------------------------------------

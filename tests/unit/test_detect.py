@@ -12,7 +12,7 @@ from camrig.geometry.lens import BrownLens
 from camrig.geometry.pnp import TAG_CORNERS
 from camrig.geometry.pose import apply, difference, transform
 from camrig.geometry.rotation import rotation_exp
-from camrig.messages import Frame, TagDetection
+from camrig.messages import Frame, TagDetection, Window
 from camrig.rig import TagKey
 from tests.drawn_tags import DrawnTag, draw_tag, random_pose
 
@@ -65,7 +65,9 @@ def test_with_the_cameras_lens_corners_are_refined_wherever_they_were_looked_for
             found_there, corners_px=found_there.corners_px - np.array(merged([tag.region], LENS.size_px)[0][:2])
         )
     frame = Frame("c", tag.image, 0.0, 0)
-    (found,) = detect_tags(frame, Finds((found_there,)), lambda: 0.0, [tag.region] if in_regions else None, LENS).tags
+    (found,) = detect_tags(
+        frame, Finds((found_there,)), lambda: 0.0, [Window(tag.region)] if in_regions else None, LENS
+    ).tags
     assert found.refined == (True, True, True, True)
     assert np.abs(found.corners_px - tag.corners_px).max() < 0.06
 

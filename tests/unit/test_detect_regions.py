@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from camrig.detect import MIN_SIDE_PX, WHOLE_SHARE, detect_tags, merged
 from camrig.geometry.arrays import Array, GreyImage
 from camrig.interfaces import TagDetector
-from camrig.messages import Frame, Region, TagDetection, TagDetections
+from camrig.messages import Frame, Region, TagDetection, TagDetections, Window
 from camrig.plugins import load_plugin
 from camrig.rig import TagKey
 from camrig_emulators.tag_pictures import tag_texture
@@ -102,7 +102,8 @@ def searched(given_regions: Sequence[Region] | None) -> tuple[TagDetections, lis
     width, height = SIZE_PX
     frame = Frame("c", np.zeros((height, width), np.uint8), 1.0, 7)
     detector = Watched()
-    return detect_tags(frame, detector, lambda: 0.0, given_regions), detector.images
+    windows = None if given_regions is None else [Window(region) for region in given_regions]
+    return detect_tags(frame, detector, lambda: 0.0, windows), detector.images
 
 
 def test_without_regions_the_whole_picture_is_searched() -> None:
@@ -185,7 +186,7 @@ def test_a_tag_in_a_region_is_found_where_it_is_in_the_whole_picture(decimate: f
     image, quads = drawn(rng, 6)
     frame, detector = Frame("c", image, 1.0, 7), detector_of(decimate)
     whole = {tag.key: tag for tag in detect_tags(frame, detector, lambda: 0.0).tags}
-    part = detect_tags(frame, detector, lambda: 0.0, [around(quad, rng) for quad in quads])
+    part = detect_tags(frame, detector, lambda: 0.0, [Window(around(quad, rng)) for quad in quads])
     assert not part.whole
     assert sorted(tag.key for tag in part.tags) == sorted(whole)
     assert len(whole) == len(quads)
@@ -198,5 +199,119 @@ def test_a_tag_in_a_region_is_found_where_it_is_in_the_whole_picture(decimate: f
 def test_a_tag_outside_the_regions_is_not_found() -> None:
     rng = np.random.default_rng(3)
     image, quads = drawn(rng, 4)
-    part = detect_tags(Frame("c", image, 1.0, 7), detector_of(1.0), lambda: 0.0, [around(quads[2], rng)])
+    part = detect_tags(Frame("c", image, 1.0, 7), detector_of(1.0), lambda: 0.0, [Window(around(quads[2], rng))])
     assert [tag.key.id for tag in part.tags] == [2]
+
+
+# --- what is expected decides how it is searched ---------------------------------------------------------------
+
+
+def many_families() -> TagDetector:
+    plugin = load_plugin("detectors", "pyapriltags")
+    detector: TagDetector = plugin.make(plugin.section(families=("tag36h11", "tag25h9", "tag16h5")))
+    return detector
+
+
+def picture_of(rng: np.random.Generator, tags: Sequence[tuple[TagKey, float, tuple[float, float]]]) -> GreyImage:
+    """Draw tags of the given sides about the given places."""
+    picture = np.full((SIZE_PX[1] * FINE, SIZE_PX[0] * FINE), 120.0, np.float32)
+    for key, side, place in tags:
+        turn = rng.uniform(0.0, 2.0 * np.pi) + 0.5 * np.pi * np.arange(4)
+        paint(picture, 0.7071 * side * np.column_stack([np.cos(turn), -np.sin(turn)]) + place, key)
+    small = cv2.resize(picture, SIZE_PX, interpolation=cv2.INTER_AREA)
+    noisy = cv2.GaussianBlur(small, (0, 0), 0.7) + rng.normal(0.0, 3.0, small.shape)
+    return np.asarray(np.clip(noisy, 0, 255), np.uint8)
+
+
+def window(key: TagKey, side: float, place: tuple[float, float], told: float | None = None) -> Window:
+    reach = 0.9 * side + 8.0
+    region = int(place[0] - reach), int(place[1] - reach), int(place[0] + reach), int(place[1] + reach)
+    return Window(region, key, side if told is None else told)
+
+
+def test_tags_of_several_families_and_sizes_are_found_in_windows_of_one_picture() -> None:
+    tags = [
+        (TagKey("tag36h11", 7), 14.0, (60.0, 60.0)),
+        (TagKey("tag36h11", 8), 130.0, (470.0, 160.0)),
+        (TagKey("tag25h9", 7), 45.0, (120.0, 300.0)),
+        (TagKey("tag16h5", 7), 60.0, (450.0, 400.0)),
+    ]
+    image = picture_of(np.random.default_rng(4), tags)
+    found = detect_tags(Frame("c", image, 1.0, 7), many_families(), lambda: 0.0, [window(*tag) for tag in tags])
+    assert not found.whole
+    places = {tag.key: tag.centre_px for tag in found.tags}
+    assert places.keys() == {key for key, _, _ in tags}
+    for key, _, place in tags:
+        np.testing.assert_allclose(places[key], place, atol=0.5)
+
+
+def test_two_tags_of_one_number_are_told_apart_by_their_places() -> None:
+    key, places = TagKey("tag36h11", 7), [(150.0, 120.0), (480.0, 330.0)]
+    frame = Frame("c", picture_of(np.random.default_rng(5), [(key, 50.0, place) for place in places]), 1.0, 7)
+    for windows in (None, [window(key, 50.0, place) for place in places]):
+        found = detect_tags(frame, detector_of(1.0), lambda: 0.0, windows)
+        assert [tag.key for tag in found.tags] == [key, key]
+        np.testing.assert_allclose(sorted(tag.centre_px for tag in found.tags), places, atol=0.5)
+
+
+def test_more_small_tags_are_found_where_they_are_known_to_be_small_and_their_corners_are_right() -> None:
+    rng = np.random.default_rng(6)
+    places = [(x, y) for x in range(60, 600, 100) for y in range(80, 440, 150)]
+    tags = [(TagKey("tag36h11", number), 13.0, (float(x), float(y))) for number, (x, y) in enumerate(places)]
+    frame, detector = Frame("c", picture_of(rng, tags), 1.0, 7), detector_of(1.0)
+    as_small = detect_tags(frame, detector, lambda: 0.0, [window(*tag) for tag in tags]).tags
+    as_any = detect_tags(frame, detector, lambda: 0.0, [window(*tag, told=np.nan) for tag in tags]).tags
+    assert len(as_small) > 2 * len(as_any) > 0
+    for tag in as_small:
+        np.testing.assert_allclose(tag.centre_px, places[tag.key.id], atol=0.5)
+        np.testing.assert_allclose(np.linalg.norm(tag.corners_px - tag.centre_px, axis=1), 0.7071 * 13.0, atol=0.7)
+
+
+@dataclass
+class Coarse(Watched):
+    """Remembers by how much it was to shrink pictures, too."""
+
+    shrinking: list[float] = field(default_factory=list)
+
+    def detect_shrunk(self, image: GreyImage, decimate: float) -> tuple[TagDetection, ...]:
+        self.shrinking.append(decimate)
+        return self.detect(image)
+
+
+@pytest.mark.parametrize(
+    ("side_px", "shrinking", "shape"),
+    [
+        (15.0, [], (96, 96)),
+        (25.0, [], (48, 48)),
+        (33.0, [2.0], (48, 48)),
+        (50.0, [3.0], (48, 48)),
+        (70.0, [4.0], (48, 48)),
+    ],
+)
+def test_a_region_is_enlarged_or_shrunk_as_the_expected_size_asks_for(
+    side_px: float, shrinking: list[float], shape: tuple[int, int]
+) -> None:
+    detector, key = Coarse(), TagKey("tag36h11", 1)
+    frame = Frame("c", np.zeros((480, 640), np.uint8), 1.0, 7)
+    detect_tags(frame, detector, lambda: 0.0, [Window((80, 80, 128, 128), key, side_px)])
+    assert detector.shrinking == shrinking
+    assert [image.shape for image in detector.images] == [shape]
+
+
+def test_of_tags_that_share_a_region_the_smallest_decides_and_one_of_unknown_size_above_all() -> None:
+    frame, keys = Frame("c", np.zeros((480, 640), np.uint8), 1.0, 7), [TagKey("tag36h11", k) for k in range(2)]
+    for other, shrinking in ((34.0, [2.0]), (np.nan, [])):
+        detector = Coarse()
+        windows = [Window((80, 80, 160, 160), keys[0], 90.0), Window((120, 120, 200, 200), keys[1], other)]
+        detect_tags(frame, detector, lambda: 0.0, windows)
+        assert detector.shrinking == shrinking
+        assert len(detector.images) == 1
+
+
+def test_a_wanted_tag_that_is_in_no_window_is_looked_for_in_the_whole_picture() -> None:
+    rng = np.random.default_rng(3)
+    image, quads = drawn(rng, 4)
+    frame, windows = Frame("c", image, 1.0, 7), [Window(around(quads[2], rng), TagKey("tag36h11", 2), 25.0)]
+    found = detect_tags(frame, detector_of(1.0), lambda: 0.0, windows, wanted=[TagKey("tag36h11", 3)])
+    assert found.whole
+    assert sorted(tag.key.id for tag in found.tags) == [0, 1, 2, 3]

@@ -37,12 +37,14 @@ class _Found(Protocol):
 
 
 class _Library(Protocol):
-    """What both wheels call ``Detector``."""
+    """What both wheels call ``Detector``; ``tag_detector_ptr`` points to the C library's settings."""
+
+    tag_detector_ptr: Any
 
     def detect(self, img: GreyImage) -> Sequence[_Found]: ...
 
 
-_Settings = tuple[type[Any], tuple[str, ...], float]
+_Settings = tuple[type[Any], tuple[str, ...]]
 
 _idle: dict[_Settings, list[_Library]] = {}
 """Detectors whose owner is gone, to be used again: none is ever destroyed (see ``_build``)."""
@@ -53,15 +55,20 @@ class CDetector:
 
     def __init__(self, wheel: type[Any], section: DetectorSection, families: tuple[str, ...]) -> None:
         self._section = section
-        idle = _idle.setdefault((wheel, families, section.decimate), [])
-        self._library = idle.pop() if idle else _build(wheel, families, section.decimate)
+        idle = _idle.setdefault((wheel, families), [])
+        self._library = idle.pop() if idle else _build(wheel, families)
         self._one_thread = OneThread()
         weakref.finalize(self, idle.append, self._library).atexit = False
 
     def detect(self, image: GreyImage) -> tuple[TagDetection, ...]:
         """Find all tags; see ``camrig.interfaces.TagDetector``."""
+        return self.detect_shrunk(image, self._section.decimate)
+
+    def detect_shrunk(self, image: GreyImage, decimate: float) -> tuple[TagDetection, ...]:
+        """Find all tags; see ``camrig.interfaces.SearchesCoarser``."""
         require_raw(image)
         with self._one_thread.entered():
+            self._library.tag_detector_ptr.contents.quad_decimate = decimate  # the library reads it for each picture
             found = self._library.detect(image)
         return tuple(tag for tag in map(_detection, found) if self._section.counts(tag))
 
@@ -77,14 +84,14 @@ def _detection(found: _Found) -> TagDetection:
     )
 
 
-def _build(wheel: type[Any], families: tuple[str, ...], decimate: float) -> _Library:
+def _build(wheel: type[Any], families: tuple[str, ...]) -> _Library:
     """Make a detector that lives as long as the process.
 
     pupil-apriltags frees the families before the detector that uses them, which corrupts the heap. A module's
     list would not do: the interpreter empties it at exit and the destructors run. So one reference is never given
     back; the 37 MB return with the process.
     """
-    library: _Library = wheel(families=" ".join(families), nthreads=1, quad_decimate=decimate, refine_edges=1)
+    library: _Library = wheel(families=" ".join(families), nthreads=1, refine_edges=1)
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(library))
     return library
 

@@ -41,9 +41,13 @@ class OpencvDetector:
 
     def detect(self, image: GreyImage) -> tuple[TagDetection, ...]:
         """Find all tags; see ``camrig.interfaces.TagDetector``."""
+        return self.detect_shrunk(image, self._section.decimate)
+
+    def detect_shrunk(self, image: GreyImage, decimate: float) -> tuple[TagDetection, ...]:
+        """Find all tags; see ``camrig.interfaces.SearchesCoarser``."""
         require_raw(image)
         with self._one_thread.entered():
-            small, scale = _shrunk(image, self._section.decimate)
+            small, scale = _shrunk(image, decimate)
             found = [tag for family in self._families for tag in family.detect(image, small, scale)]
         return tuple(tag for tag in found if self._section.counts(tag))
 
