@@ -39,7 +39,7 @@ then instead of 44 %, and up to 20 px their corners are half as noisy (120 tags3
 grey levels, ``docs/accuracy.md``); three times as large finds no more.
 """
 SHRINKING = (4.0, 3.0, 2.0)
-SHRUNK_CELL_PX = 2.0
+SHRUNK_CELL_PX = 1.6
 """Quads are searched in a region shrunk by the largest of these that leaves cells this size: none of 120 tags a bin is
 lost from 1.5 px on. Corners and bits are read in the full picture all the same.
 """
