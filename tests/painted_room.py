@@ -72,12 +72,12 @@ def picture_at(stamp_s: float, rng: np.random.Generator, ground: GreyImage | Non
     for key, quad in zip(KEYS, corners_at(stamp_s), strict=True):
         rim = quad.mean(axis=0) + 1.1 * RIM * (quad - quad.mean(axis=0))
         (left, top), (right, bottom) = np.floor(rim.min(axis=0)).astype(int), np.ceil(rim.max(axis=0)).astype(int) + 1
-        part = image[top:bottom, left:right].astype(np.float32)
-        fine = cv2.resize(part, None, fx=FINE, fy=FINE, interpolation=cv2.INTER_NEAREST)
+        before = image[top:bottom, left:right].astype(np.float32)
+        fine = cv2.resize(before, None, fx=FINE, fy=FINE, interpolation=cv2.INTER_NEAREST)
         paint(fine, quad - [left, top], key)
         part = cv2.resize(fine, (right - left, bottom - top), interpolation=cv2.INTER_AREA)
-        part = cv2.GaussianBlur(part, (0, 0), PSF_PX) + rng.normal(0.0, NOISE_GREY, part.shape)
-        image[top:bottom, left:right] = np.clip(part, 0, 255)
+        noisy = cv2.GaussianBlur(part, (0, 0), PSF_PX) + rng.normal(0.0, NOISE_GREY, part.shape)
+        image[top:bottom, left:right] = np.clip(noisy, 0, 255)
     return image
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -47,6 +48,8 @@ class CameraJob:
     expected: Mailbox[Expected] = field(default_factory=lambda: Mailbox(1))
     told: Callable[[TagDetections], None] | None = None
     """Gets what was found at once, in this thread: who navigates by it cannot wait for the pipeline."""
+    news: threading.Event = field(default_factory=threading.Event)
+    """Set once there are new detections: the control thread need not wait for its next tick."""
     notes: Mailbox[Event] = field(default_factory=lambda: Mailbox(4))
     frames: int = 0
     whole_frames: int = 0
@@ -82,6 +85,7 @@ class CameraJob:
         if self.told is not None:
             self.told(found)
         self.detections.put(found)
+        self.news.set()
 
     def _searched(self, frame: Frame, detector: TagDetector) -> tuple[dict[str, str], TagDetections | None]:
         """Return what is wrong with a frame, by kind, and what was found in it; None where it cannot be searched."""

@@ -21,6 +21,8 @@ from camrig.runtime.planner_link import PlannerLink
 log = logging.getLogger(__name__)
 
 TICK_S = 0.02
+LEAST_TICK_S = 0.004
+"""A tick follows the one before after ``TICK_S``; as soon as a camera has found something, but not sooner than this."""
 
 ItemT = TypeVar("ItemT")
 

@@ -18,7 +18,7 @@ from camrig.messages import FlightState, HeadAim, LinkReport
 from camrig.pipeline import Settings
 from camrig.runtime.build import make_detector, make_devices, make_sinks
 from camrig.runtime.camera_job import CameraJob
-from camrig.runtime.control import TICK_S, Control, Devices
+from camrig.runtime.control import LEAST_TICK_S, TICK_S, Control, Devices
 from camrig.runtime.drone_job import DroneJob, pilot
 from camrig.runtime.guardian_link import GuardianLink
 from camrig.runtime.head_job import HeadJob
@@ -60,6 +60,7 @@ class Daemon:
     _guardian: GuardianLink = field(init=False)
     _workers: list[Worker] = field(default_factory=list)
     _stopping: threading.Event = field(default_factory=threading.Event)
+    _news: threading.Event = field(default_factory=threading.Event)
     _asked_to_stop: bool = False
     _asked_to_reload: bool = False
     _ready: bool = False
@@ -278,7 +279,9 @@ class Daemon:
 
     def _run_control(self) -> None:
         try:
-            while not self._stopping.wait(TICK_S):
+            while not self._stopping.wait(LEAST_TICK_S):
+                self._news.wait(TICK_S - LEAST_TICK_S)
+                self._news.clear()
                 self.control.tick()
         except BaseException as error:
             log_failure(log, "control", error)
@@ -299,6 +302,7 @@ class Daemon:
                     config.rig.cameras[name].lens,
                     config.refine,
                     told=pilot(name, config.rig, drones),
+                    news=self._news,
                 )
                 for name, camera in make_devices(config, "cameras").items()
             },

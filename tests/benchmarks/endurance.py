@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 from rich.progress import track
 from scipy import stats
 
@@ -46,7 +47,7 @@ def main() -> None:
     asked = parser.parse_args()
     rng, follower, samples, tracked = np.random.default_rng(1), Follower(), [], 5
     begun_s, every = time.perf_counter(), max(1, asked.frames // SAMPLES)
-    for number in track(range(asked.frames), "following", disable=None):
+    for number in track(range(asked.frames), "following", console=Console(stderr=True)):
         stamp_s = number / FPS
         published, _ = follower.take(exactly_seen(stamp_s, number, rng), stamp_s + 0.01)
         if number > 100:

@@ -7,6 +7,7 @@ Times are of the processor, both kinds on the same pictures and taking turns: ra
 
 from __future__ import annotations
 
+import mmap
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -25,7 +26,8 @@ from camrig.plugins import load_plugin
 from camrig.runtime.camera_job import CameraJob
 from camrig_drivers.v4l2.grey import empty_picture, luma_layout
 from camrig_emulators.fakes import FakeCamera
-from tests.painted_room import KEYS, LENS, RIG, Follower, corners_at, picture_at
+from tests.painted_room import KEYS, RIG, Follower, corners_at, picture_at
+from tests.simulated_room import LENS
 
 FPS = 30.0
 LEAST_GAIN = 5.0
@@ -136,7 +138,7 @@ def test_what_camrig_does_beside_detecting_takes_a_twentieth_of_it(
     windows, whole, follower, rng = Bench(manual_clock), Bench(manual_clock), Follower(), np.random.default_rng(2)
     layout = luma_layout("YUYV", LENS.size_px, 0)
     assert layout is not None
-    buffer, grey = bytearray(2 * 1280 * 720), empty_picture(LENS.size_px)
+    buffer, grey = mmap.mmap(-1, 2 * 1280 * 720), empty_picture(LENS.size_px)
     told: Expected | None = None
     spent: dict[str, list[float]] = {"detector": [], "around whole": [], "around windows": [], "grey": [], "expect": []}
     for number in range(frames):

@@ -18,12 +18,9 @@ from camrig.interfaces import TagDetector
 from camrig.messages import Frame, Region, TagDetection, TagDetections, Window
 from camrig.plugins import load_plugin
 from camrig.rig import TagKey
-from camrig_emulators.tag_pictures import tag_texture
+from tests.painted_room import FINE, paint
 
 SIZE_PX = (640, 480)
-FINE = 4
-"""Tags are drawn in pixels so much smaller, then averaged."""
-TEXELS = 16
 
 
 # --- regions --------------------------------------------------------------------------------------------------
@@ -154,16 +151,6 @@ def drawn(rng: np.random.Generator, count: int) -> tuple[GreyImage, list[Array]]
     small = cv2.resize(picture, SIZE_PX, interpolation=cv2.INTER_AREA)
     noisy = cv2.GaussianBlur(small, (0, 0), 0.7) + rng.normal(0.0, 3.0, small.shape)
     return np.clip(noisy, 0, 255).astype(np.uint8), quads
-
-
-def paint(picture: np.ndarray, quad: Array, key: TagKey) -> None:
-    """Lay a tag with its rim over the finely drawn picture; ``quad`` are its corners p0..p3 in coarse pixels."""
-    texture = tag_texture(key, TEXELS).astype(np.float32)
-    low, high = TEXELS - 0.5, len(texture) - TEXELS - 0.5
-    corners = np.array([[low, high], [high, high], [high, low], [low, low]], np.float32)
-    H = cv2.getPerspectiveTransform(corners, ((quad + 0.5) * FINE - 0.5).astype(np.float32))
-    size = picture.shape[1], picture.shape[0]
-    cv2.warpPerspective(texture, H, size, dst=picture, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_TRANSPARENT)
 
 
 def around(quad: Array, rng: np.random.Generator) -> Region:

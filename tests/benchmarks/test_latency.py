@@ -1,0 +1,92 @@
+"""From a picture's stamp to the published target, in a daemon at work on fake cameras that show painted pictures.
+
+pytest tests/benchmarks/test_latency.py -m slow --benchmark-enable
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from camrig.clock import RealClock
+from camrig.interfaces import Published
+from camrig.messages import TagDetections
+from camrig.optimise import PlannerSettings
+from camrig.pipeline import Settings
+from camrig.runtime.daemon import Daemon
+from camrig_emulators.fakes import FakeCamera
+from tests.daemon_on_fakes import Log, load
+from tests.painted_room import KEYS, picture_at
+from tests.runtime_parts import until
+
+FPS, FRAMES = 30.0, 450
+MOST_AFTER_DETECTION_S = 0.010
+RIG = """\
+rig: painted
+space: {floor_m: [[0, 0], [6, 4]]}
+lenses:
+  lab: {size_px: [1280, 720], fx: 1050, fy: 1050, cx: 640, cy: 360, distortion: [-0.33, 0.10, 0, 0, 0]}
+cameras:
+  - {id: wall, lens: lab, source: {driver: fake}, mount: {fixed: {position_m: [0, 2, 2.8], pan_deg: 0, tilt_deg: -50}}}
+detector: {driver: pyapriltags, decimate: 1.0}
+targets:
+""" + "".join(
+    f"  - {{id: robot{key.id}, tags: [{{id: {key.id}, size_m: 0.2, T_body_tag: {{position_m: [0, 0, 0.25]}}}}]}}\n"
+    for key in KEYS
+)
+
+
+@pytest.fixture
+def daemon(tmp_path: Path) -> Iterator[Daemon]:
+    daemon = Daemon(load(tmp_path, RIG), Settings(PlannerSettings()), extra_sinks=(Log(),))
+    yield daemon
+    daemon.stop()
+
+
+@pytest.mark.slow
+@pytest.mark.realtime
+def test_a_target_is_published_ten_milliseconds_after_its_tags_were_found(
+    benchmark: BenchmarkFixture, daemon: Daemon
+) -> None:
+    clock, (log,) = RealClock(), daemon.extra_sinks
+    assert isinstance(log, Log)
+    published_s: dict[float, float] = {}
+    found_s: dict[float, TagDetections] = {}
+
+    def note(published: Published) -> None:
+        for sighting in published.sightings:
+            published_s.setdefault(sighting.stamp_s, clock.now_s())
+
+    log.each = note
+    daemon.start()
+    job = daemon.devices.cameras["wall"]
+    job.told = lambda found: found_s.__setitem__(found.stamp_s, found)
+    camera = job.camera
+    assert isinstance(camera, FakeCamera)
+    pictures = [picture_at(number / FPS, np.random.default_rng(number)) for number in range(60)]
+    back_and_forth = [*pictures, *reversed(pictures)]
+
+    def run() -> None:
+        for number in range(FRAMES):
+            stamp_s = clock.now_s()
+            camera.push(back_and_forth[number % len(back_and_forth)], stamp_s)
+            time.sleep(max(0.0, stamp_s + 1.0 / FPS - clock.now_s()))
+        until(lambda: max(found_s) <= max(published_s))
+
+    benchmark.pedantic(run, rounds=1)  # type: ignore[no-untyped-call]
+    both = [stamp_s for stamp_s in published_s if stamp_s in found_s]
+    latency_s = np.array([published_s[stamp_s] - stamp_s for stamp_s in both])
+    after_s = latency_s - [found_s[stamp_s].detect_s for stamp_s in both]
+    benchmark.extra_info.update(
+        n=len(both),
+        latency_p95_ms=1e3 * float(np.quantile(latency_s, 0.95)),
+        after_detection_ms={q: round(1e3 * float(np.quantile(after_s, q)), 2) for q in (0.5, 0.95, 0.99)},
+        in_windows=1.0 - job.whole_frames / job.frames,
+    )
+    assert len(both) > 0.8 * FRAMES
+    assert np.quantile(after_s, 0.95) <= MOST_AFTER_DETECTION_S
