@@ -21,7 +21,7 @@ from camrig.runtime.planner_link import PlannerLink
 log = logging.getLogger(__name__)
 
 TICK_S = 0.02
-LEAST_TICK_S = 0.004
+LEAST_TICK_S = 0.002
 """A tick follows the one before after ``TICK_S``; as soon as a camera has found something, but not sooner than this."""
 
 ItemT = TypeVar("ItemT")

@@ -72,6 +72,24 @@ def test_the_c_library_finds_every_tag_that_must_be_found(
     assert np.max(deviations) <= TOLERANCE_PX[name]
 
 
+LEAST_OF_HUMAN_IDS = 0.96
+
+
+def test_nearly_all_that_a_person_saw_in_a_room_is_found_and_nothing_else(
+    shared_data: Path, answers: dict[Path, Json]
+) -> None:
+    folder = shared_data / "images" / "swatbotics_mapping"
+    expected = json.loads((folder / "expected_detections.json").read_text())["images"]
+    seen = found = 0
+    for picture, tags in expected.items():
+        human = set(tags["ids_present_human_groundtruth"])
+        ids = {tag["id"] for tag in answers[folder / picture]["tags"]}
+        assert ids <= human, picture
+        seen, found = seen + len(human), found + len(human & ids)
+    assert seen > 0
+    assert found >= LEAST_OF_HUMAN_IDS * seen, f"{found} of {seen}"
+
+
 LENSES = {
     (816, 612): "{size_px: [816, 612], fx: 765.0, fy: 764.2, cx: 393.7, cy: 304.7}",
     (612, 816): "{size_px: [612, 816], fx: 764.2, fy: 765.0, cx: 304.7, cy: 393.7}",
