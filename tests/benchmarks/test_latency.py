@@ -98,4 +98,6 @@ def test_a_target_is_published_within_ten_milliseconds_beside_detection(
     assert len(both) > 0.8 * (FRAMES - SETTLING_S * FPS)
     p95_s = float(np.quantile(after_s, 0.95))
     if p95_s > MOST_AFTER_DETECTION_S:
-        pytest.xfail(f"p95 is {1e3 * p95_s:.1f} ms after detection: the step alone takes 4.8 ms of processor time")
+        pytest.xfail(
+            f"not met yet: p95 is {1e3 * p95_s:.1f} ms after detection, the bar {1e3 * MOST_AFTER_DETECTION_S:.0f} ms"
+        )
