@@ -238,9 +238,9 @@ class PlannerModel(StrictModel):
 
 
 class FusionModel(StrictModel):
-    """How the sightings of all cameras are fused; ``quality`` is the paper's weighting, 1/Q^2."""
+    """How the frames of all cameras become positions (fuse.Settings)."""
 
-    weighting: Literal["covariance", "quality"] = "covariance"
+    estimator: Literal["joint", "covariance", "quality", "mean"] = "joint"
 
 
 def _optical(pose: PoseModel | None, R_optical: Array) -> Transform:

@@ -42,5 +42,5 @@ def settings_of(config: RigConfig, *, aim: bool = True) -> Settings:
             reach_s=REACH_PERIODS * planner.period_s,
         ),
         mission=MissionSettings(period_s=planner.period_s, deadline_s=planner.deadline_s, aim=aim),
-        fuse=fuse.Settings(weighting=config.fusion.weighting),
+        fuse=fuse.Settings(estimator=config.fusion.estimator),
     )

@@ -9,6 +9,8 @@ import numpy as np
 
 from camrig.geometry.arrays import Array
 
+Estimator = Literal["joint", "covariance", "quality", "mean"]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionModel:
@@ -62,10 +64,16 @@ STATIC = MotionModel((0.0, 0.0, 0.0), (1e-8, 1e-8, 1e-8), 1e-6)
 class Settings:
     """What ``fuse.update`` and ``fuse.targets_at`` go by."""
 
-    weighting: Literal["covariance", "quality"] = "covariance"
-    """``quality``: the paper's weighting, sightings weigh as 1/Q^2; published covariances stay honest under it."""
+    estimator: Estimator = "joint"
+    """``joint``: all corners of all cameras at once, the cameras' poses and lenses estimated along. The others fuse the
+    poses that single cameras find: ``covariance`` by what each is worth, ``quality`` by 1/Q^2 and ``mean`` alike, both
+    as the paper does; published covariances stay honest under them.
+    """
 
     models: dict[str, MotionModel] = field(default_factory=lambda: {"floor": FLOOR, "free": FREE, "static": STATIC})
+    equal_sigma_m: float = 0.01
+    """What a single camera's pose is taken for by ``mean``."""
+
     repeating: float = 0.8
     """The part of a sighting's corner variance that counts as the camera's own: pixel phase and the bend of edges come
     again in the next frame. Of a detector's corners only about 0.02 px of noise is new; of refined ones a third to two

@@ -10,11 +10,11 @@ from types import MappingProxyType
 import numpy as np
 
 from camrig.fuse.kalman import predict
-from camrig.fuse.settings import DEFAULTS, Settings
+from camrig.fuse.settings import DEFAULTS, MotionModel, Settings
 from camrig.fuse.track import Track, add
 from camrig.geometry.arrays import Transform
 from camrig.geometry.pose import transform
-from camrig.messages import Event, Level, Sighting, Target, TargetStatus
+from camrig.messages import Event, Fix, Level, Motion, Target, TargetStatus
 from camrig.rig import Rig
 
 
@@ -26,23 +26,21 @@ class Tracks:
 
 
 def update(
-    tracks: Tracks, sightings: Iterable[Sighting], rig: Rig, settings: Settings = DEFAULTS
+    tracks: Tracks, fixes: Iterable[Fix], rig: Rig, settings: Settings = DEFAULTS
 ) -> tuple[Tracks, tuple[Event, ...]]:
-    """Return the tracks after more sightings, in whatever order they come, and what an operator should know."""
+    """Return the tracks after more fixes, in whatever order they come, and what an operator should know."""
     by_id, notes = dict(tracks.by_id), []
-    for sighting in sightings:
-        name = sighting.target_id
+    for fix in fixes:
+        name = fix.target_id
         before = by_id.get(name) or Track(settings.models[rig.targets[name].motion])
-        after = add(before, sighting, settings)
+        after = add(before, fix, settings)
         if after is None:
-            text = f"a sighting by {sighting.camera_id} came more than {settings.late_s:g} s late: not used"
-            notes.append(Event(sighting.stamp_s, Level.WARNING, name, text))
+            text = f"a sighting by {fix.seen[0].camera_id} came more than {settings.late_s:g} s late: not used"
+            notes.append(Event(fix.stamp_s, Level.WARNING, name, text))
             continue
         by_id[name] = after
         if after.state.restarts > before.state.restarts:
-            notes.append(
-                Event(sighting.stamp_s, Level.INFO, name, "was moved by more than it can move: track restarted")
-            )
+            notes.append(Event(fix.stamp_s, Level.INFO, name, "was moved by more than it can move: track restarted"))
     return Tracks(by_id), tuple(notes)
 
 
@@ -66,12 +64,31 @@ def predicted_poses(tracks: Tracks, stamp_s: float) -> dict[str, Transform]:
     return poses
 
 
+def motions(tracks: Tracks, rig: Rig, stamp_s: float, settings: Settings = DEFAULTS) -> dict[str, Motion]:
+    """Return how every target of the rig moves about ``stamp_s``, by id; where it is only of confirmed tracks."""
+    return {
+        name: _motion(tracks.by_id.get(name), settings.models[body.motion], body.motion == "floor", stamp_s)
+        for name, body in rig.targets.items()
+    }
+
+
+def _motion(track: Track | None, model: MotionModel, on_floor: bool, stamp_s: float) -> Motion:
+    belief = track.state.belief if track and track.state.confirmed else None
+    density = 2.0 * np.square(model.velocity_sigma_m_s) / model.memory_s
+    turning = model.turn_rad2_s * (np.array([0.0, 0.0, 1.0]) if on_floor else np.ones(3))
+    if belief is None:
+        return Motion(stamp_s, None, np.zeros(3), np.diag(np.square(model.velocity_sigma_m_s)), density, turning)
+    now = predict(belief, stamp_s, model)
+    T_world_body = transform(now.R_world_body, now.mean[:3])
+    return Motion(stamp_s, T_world_body, now.mean[3:], now.published[3:, 3:], density, turning)
+
+
 def _target(name: str, track: Track | None, now_s: float, settings: Settings) -> Target:
     belief = track.state.belief if track and track.state.confirmed else None
     if track is None or belief is None:
         return _unseen(name, now_s)
     now = predict(belief, now_s, track.model)
-    seeing = [k for k, stamp_s in enumerate(now.stamps_s) if now_s - stamp_s <= settings.seen_within_s]
+    seeing = [each for each in now.seen if now_s - each.stamp_s <= settings.seen_within_s]
     tracked = now_s - belief.stamp_s <= settings.lost_after_s
     return Target(
         id=name,
@@ -81,9 +98,9 @@ def _target(name: str, track: Track | None, now_s: float, settings: Settings) ->
         velocity_m_s=now.mean[3:],
         covariance_m2=now.published[:3, :3],
         R_world_body=now.R_world_body,
-        seen_by=tuple(sorted(now.cameras[k] for k in seeing)),
+        seen_by=tuple(sorted(each.camera_id for each in seeing)),
         last_seen_s=belief.stamp_s,
-        quality_m=1.0 / sum(1.0 / now.qualities_m[k] for k in seeing) if seeing else None,
+        quality_m=1.0 / sum(1.0 / each.quality_m for each in seeing) if seeing else None,
     )
 
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.corner_noise import detected_sigma_px, refined_sigma_px, tag_width_px
 from camrig.geometry.lens import Lens
+from camrig.geometry.pnp_kernel import MIN_DEPTH_M, refine_stack
 from camrig.geometry.pose import transform
 
 TAG_CORNERS = np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]])
@@ -28,15 +29,6 @@ _IPPE_ORDER = [3, 2, 1, 0]
 
 _NUDGE = np.array([[1e-9, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
 """Of a square seen exactly head-on in the exact middle OpenCV returns the mirror image, twice; a micropixel helps."""
-
-_MIN_DEPTH_M = 1e-6
-
-_STEPS = 15
-_DONE = 1e-4
-_DONE_SHARE = 1e-3
-"""A step that lowers chi2 by less than a hundredth of a sigma, or by less than a thousandth of what is left of it, ends
-the refinement: the wrong one of two solutions creeps for ever.
-"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,54 +126,16 @@ def refine(
     ``points_body`` (m, n, 3) metres project onto ``ideal`` (m, n, 2); a zero ``whitener`` (m, n, 2, 2) leaves a point
     out, so poses with fewer points are padded. Points must start in front of the camera.
     """
-    T = T_camera_body
-    H, g, chi2 = _normal_equations(T, points_body, ideal, whitener, prior)
-    damping = np.full(len(T), 1e-6)
-    diagonal = np.arange(6)
-    for _ in range(_STEPS):
-        damped = H.copy()
-        damped[:, diagonal, diagonal] *= 1.0 + damping[:, None]
-        step = -np.asarray(np.linalg.solve(damped, g[..., None]), float)[..., 0]
-        moved = _perturb(T, step)
-        with np.errstate(over="ignore", invalid="ignore"):  # a step into the absurd is not taken
-            H_new, g_new, chi2_new = _normal_equations(moved, points_body, ideal, whitener, prior)
-        better = chi2_new <= chi2
-        gain = -(step * g).sum(axis=1)
-        T, H, g = (_pick(better, new, old) for new, old in ((moved, T), (H_new, H), (g_new, g)))
-        chi2 = np.where(better, chi2_new, chi2)
-        damping = np.where(better, 0.1 * damping, np.maximum(10.0 * damping, 1e-3))
-        if (gain < _DONE + _DONE_SHARE * chi2).all():
-            break
+    m = len(T_camera_body)
+    T, H, chi2 = T_camera_body.copy(), np.zeros((m, 6, 6)), np.zeros(m)
+    known = PosePrior(T_camera_body, np.zeros((m, 6, 6))) if prior is None else prior
+    points, at, by = (np.ascontiguousarray(part, float) for part in (points_body, ideal, whitener))
+    refine_stack(T, points, at, by, known.T_camera_body, known.information, H, chi2)
     residual, _ = whitened_residuals(T, points_body, ideal, whitener)
     used = np.maximum((whitener != 0.0).any(axis=(2, 3)).sum(axis=1), 1)
     return PoseFit(
         T, np.asarray(np.linalg.inv(H), float), chi2, np.sqrt((residual * residual).sum(axis=(1, 2)) / (2.0 * used))
     )
-
-
-def _pick(better: npt.NDArray[np.bool_], new: Array, old: Array) -> Array:
-    return np.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
-
-
-def _normal_equations(
-    T: Array, points_body: Array, ideal: Array, whitener: Array, prior: PosePrior | None
-) -> tuple[Array, Array, Array]:
-    """Return J^T J (m, 6, 6), J^T r (m, 6) and r^T r (m,), the prior included."""
-    residual, J = whitened_residuals(T, points_body, ideal, whitener)
-    m = len(T)
-    r = residual.reshape(m, -1)
-    J = J.reshape(m, -1, 6)
-    Jt = J.swapaxes(1, 2)
-    H = Jt @ J
-    g = (Jt @ r[..., None])[..., 0]
-    chi2 = (r * r).sum(axis=1)
-    if prior is not None:
-        error, G = _prior_error(T, prior.T_camera_body)
-        weighted = (prior.information @ error[..., None])[..., 0]
-        H = H + G.swapaxes(1, 2) @ prior.information @ G
-        g = g + (G.swapaxes(1, 2) @ weighted[..., None])[..., 0]
-        chi2 = chi2 + (error * weighted).sum(axis=1)
-    return H, g, chi2
 
 
 def whitened_residuals(T: Array, points_body: Array, ideal: Array, whitener: Array) -> tuple[Array, Array]:
@@ -191,7 +145,7 @@ def whitened_residuals(T: Array, points_body: Array, ideal: Array, whitener: Arr
     turned = points_body @ T[:, :3, :3].swapaxes(1, 2)
     camera = turned + T[:, None, :3, 3]
     # Behind the camera the clamp makes the residual huge: such a step is never taken.
-    depth = np.maximum(camera[..., 2], _MIN_DEPTH_M)
+    depth = np.maximum(camera[..., 2], MIN_DEPTH_M)
     a, b = camera[..., 0] / depth, camera[..., 1] / depth
     x, y, z = turned[..., 0], turned[..., 1], turned[..., 2]
     J = np.zeros((*a.shape, 2, 6))
@@ -206,7 +160,7 @@ def whitened_residuals(T: Array, points_body: Array, ideal: Array, whitener: Arr
     return residual, whitener @ J
 
 
-def _prior_error(T: Array, T_prior: Array) -> tuple[Array, Array]:
+def prior_error(T: Array, T_prior: Array) -> tuple[Array, Array]:
     """Return the (m, 6) pose error against the prior and its (m, 6, 6) derivative (second order in the angle)."""
     turn = _log(T[:, :3, :3] @ T_prior[:, :3, :3].swapaxes(1, 2))
     error = np.concatenate([T[:, :3, 3] - T_prior[:, :3, 3], turn], axis=1)
@@ -217,7 +171,7 @@ def _prior_error(T: Array, T_prior: Array) -> tuple[Array, Array]:
     return error, G
 
 
-def _perturb(T: Array, step: Array) -> Array:
+def perturb_stack(T: Array, step: Array) -> Array:
     """Apply (m, 6) pose errors to (m, 4, 4) poses: geometry.pose.perturb for a stack."""
     angle = np.linalg.norm(step[:, 3:], axis=1)
     K = _skew(step[:, 3:])

@@ -65,6 +65,14 @@ def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Arra
     return np.asarray(rotation_z(yaw_rad) @ rotation_y(pitch_rad) @ rotation_x(roll_rad))
 
 
+def upright_rotation(R: Array) -> Array:
+    """Turn a rotation by the least angle that points its z axis up."""
+    x, y, z = R[:, 2]
+    lean = math.hypot(x, y)
+    axis = np.array([y, -x, 0.0]) / lean if lean > 1e-9 else np.array([1.0, 0.0, 0.0])
+    return np.asarray(rotation_exp(axis * math.atan2(lean, z)) @ R)
+
+
 def yaw_of(R: Array) -> float:
     """Return the heading of the rotated x axis in the x-y plane, in (-pi, pi]."""
     return math.atan2(float(R[1, 0]), float(R[0, 0]))

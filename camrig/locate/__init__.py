@@ -3,7 +3,9 @@
 from camrig.locate.body_pose import body_pose, navigates_by
 from camrig.locate.camera_pose import camera_pose
 from camrig.locate.history import AxisHistory, DroneHistory, HeadHistory, HeadState, Histories
+from camrig.locate.joint import joint, warm_up
 from camrig.locate.one_frame import Located, locate
+from camrig.locate.views import Together, View, apart
 
 __all__ = [
     "AxisHistory",
@@ -12,8 +14,13 @@ __all__ = [
     "HeadState",
     "Histories",
     "Located",
+    "Together",
+    "View",
+    "apart",
     "body_pose",
     "camera_pose",
+    "joint",
     "locate",
     "navigates_by",
+    "warm_up",
 ]

@@ -16,6 +16,7 @@ from camrig.locate.head_angles import head_angles
 from camrig.locate.history import Histories
 from camrig.locate.sightings import seen_bodies, solve
 from camrig.locate.tags import SeenTag, owners, undistorted, without_repeats
+from camrig.locate.views import View
 from camrig.messages import AxisReading, CameraPose, Event, Level, Sighting, TagDetection, TagDetections
 from camrig.rig import CameraSpec, DroneMount, HeadMount, Rig
 
@@ -24,12 +25,14 @@ from camrig.rig import CameraSpec, DroneMount, HeadMount, Rig
 class Located:
     """What one frame tells.
 
-    ``camera_pose`` is None where nothing tells it, and then there are no sightings. ``unlisted`` tags are in the
-    picture but not in the rig: reported, never fused. ``notes`` repeat in every frame while their cause lasts, with
-    the same text. ``head_angles`` are what the anchors in view say of the camera's head, beside its own readings.
+    ``camera_pose`` and ``view``, all of it to be estimated together with other cameras' frames, are None where nothing
+    tells where the camera was, and then there are no sightings. ``unlisted`` tags are in the picture, not in the rig:
+    reported, never fused. ``notes`` repeat in every frame while their cause lasts, with the same text. ``head_angles``
+    are what the anchors in view say of the camera's head, beside its own readings.
     """
 
     camera_pose: CameraPose | None
+    view: View | None = None
     sightings: tuple[Sighting, ...] = ()
     unlisted: tuple[TagDetection, ...] = ()
     notes: tuple[Event, ...] = ()
@@ -47,25 +50,28 @@ def locate(detections: TagDetections, histories: Histories, rig: Rig, priors: Ma
     unlisted = tuple(tag for tag in detections.tags if tag.key not in known)
     if detections.size_px != camera.lens.size_px:
         text = f"pictures are {_size(detections.size_px)}, its lens is for {_size(camera.lens.size_px)}: not used"
-        return Located(None, (), unlisted, (_warning(detections, camera.id, text),))
+        return Located(None, None, (), unlisted, (_warning(detections, camera.id, text),))
     tags = undistorted(camera.lens, [(tag, known[tag.key]) for tag in detections.tags if tag.key in known])
     carried = camera_pose(camera, rig, histories, detections.stamp_s)
     anchors = [tag for tag in tags if tag.owner.target_id is None]
     made_of_anchors = navigates_by(camera.id, rig) is not None  # its telemetry: one or the other, then
-    found, notes = _with_anchors(detections, camera, None if made_of_anchors else carried, anchors)
+    found, used, notes = _with_anchors(detections, camera, None if made_of_anchors else carried, anchors)
     if made_of_anchors:
-        found = found or carried
+        carried, found = (None, found) if found is not None else (carried, carried)
     if found is None:
-        return Located(None, (), unlisted, notes)
+        return Located(None, None, (), unlisted, notes)
     own = [tag for tag in tags if tag.owner.target_id is not None]
     single, repeated = without_repeats(own, lambda tag: _expected_px(camera, found, tag, priors))
-    sightings, misfits = solve(seen_bodies(single, rig.targets, priors), found, camera.lens)
+    bodies = seen_bodies(single, rig.targets, priors)
+    sightings, misfits = solve(bodies, found, camera.lens)
     notes += tuple(_warning(detections, str(key), f"more than one in the picture of {camera.id}") for key in repeated)
     notes += tuple(
         _warning(detections, name, f"{camera.id} sees tags that do not fit its size, place or upright stand: not used")
         for name in misfits
     )
-    return Located(found, sightings, unlisted, notes, _head_angles(camera, rig, carried, found))
+    fitting = tuple(body for body in bodies if body.body.id not in misfits)
+    view = View(camera.id, detections.stamp_s, carried, found, used, fitting, sightings)
+    return Located(found, view, sightings, unlisted, notes, _head_angles(camera, rig, carried, found))
 
 
 def _head_angles(
@@ -79,12 +85,12 @@ def _head_angles(
 
 def _with_anchors(
     detections: TagDetections, camera: CameraSpec, carried: CameraPose | None, anchors: Sequence[SeenTag]
-) -> tuple[CameraPose | None, tuple[Event, ...]]:
-    """Return the camera's pose after the anchors in view, and what is wrong with them."""
+) -> tuple[CameraPose | None, tuple[SeenTag, ...], tuple[Event, ...]]:
+    """Return the camera's pose after the anchors in view, those that agree with it, and what is wrong with others."""
     single, repeated = without_repeats(anchors, lambda tag: _expected_px(camera, carried, tag, {}))
     notes = [_warning(detections, str(key), f"anchor more than once in the picture of {camera.id}") for key in repeated]
     if not single:
-        return carried, tuple(notes)
+        return carried, (), tuple(notes)
     if carried is None:
         belief = hovering(camera.mount) if isinstance(camera.mount, DroneMount) else None
         found = from_anchors_alone(camera.id, detections.stamp_s, single, belief)
@@ -98,7 +104,8 @@ def _with_anchors(
         notes.append(
             _warning(detections, camera.id, "the anchors in view leave two camera poses to choose from: frame not used")
         )
-    return found.pose, tuple(notes)
+    used = tuple(tag for tag in single if tag.key not in found.misplaced)
+    return found.pose, used, tuple(notes)
 
 
 def _expected_px(

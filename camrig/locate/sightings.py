@@ -13,7 +13,7 @@ from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.lens import Lens
 from camrig.geometry.pnp import PoseFit, PosePrior, refine, square_poses, whitened_residuals
 from camrig.geometry.pose import apply, compose, difference, invert, transform
-from camrig.geometry.rotation import rotation_exp
+from camrig.geometry.rotation import upright_rotation
 from camrig.locate.fit import NOISE_CHI2, SAME_RAD, angle_between, clearly_better, inflation, residual_limit_px
 from camrig.locate.tags import SeenTag
 from camrig.messages import CameraPose, Sighting
@@ -146,11 +146,7 @@ def _upright_information(camera: CameraPose) -> Array:
 def _stood_up(T_camera_body: Transform, T_world_camera: Transform) -> Transform:
     """Turn a body by the least rotation that points its z up."""
     R = T_world_camera[:3, :3]
-    z = R @ T_camera_body[:3, 2]
-    lean = math.hypot(z[0], z[1])
-    axis = np.array([z[1], -z[0], 0.0]) / lean if lean > 1e-9 else np.array([1.0, 0.0, 0.0])
-    R_up = rotation_exp(axis * math.atan2(lean, z[2]))
-    return transform(R.T @ R_up @ R @ T_camera_body[:3, :3], T_camera_body[:3, 3])
+    return transform(R.T @ upright_rotation(R @ T_camera_body[:3, :3]), T_camera_body[:3, 3])
 
 
 def _choose(seen: SeenBody, fit: PoseFit, camera: CameraPose) -> tuple[Transform, Array] | None:

@@ -12,6 +12,7 @@ import numpy as np
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.corner_noise import tag_width_px
 from camrig.geometry.lens import Lens
+from camrig.geometry.lens.errors import error_slopes
 from camrig.geometry.pnp import TAG_CORNERS, ImagePoints, observe_tags
 from camrig.geometry.pose import apply
 from camrig.messages import TagDetection
@@ -37,13 +38,16 @@ class TagOwner:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenTag:
-    """A listed tag in the picture: its owner, its width, and its four corners, undistorted and weighed."""
+    """A listed tag in the picture: its owner, its width, its four corners, undistorted and weighed, and how (4, 2, 4)
+    these, whitened, move with the lens's errors (geometry.lens.errors).
+    """
 
     detection: TagDetection
     owner: TagOwner
     width_px: float
     corners_m: Array
     points: ImagePoints
+    lens_slopes: Array
 
     @property
     def key(self) -> TagKey:
@@ -67,8 +71,9 @@ def undistorted(lens: Lens, listed: Sequence[tuple[TagDetection, TagOwner]]) -> 
     points = observe_tags(lens, corners_px, np.array([detection.refined for detection, _ in listed]))
     width_px = tag_width_px(corners_px)
     usable = np.isfinite(points.ideal).all(axis=(1, 2)) & (width_px >= MIN_WIDTH_PX)
+    slopes = error_slopes(lens, points.ideal) / points.sigma_px[..., None, None]
     return tuple(
-        SeenTag(detection, owner, float(width_px[k]), owner.corners_m, points.of(k))
+        SeenTag(detection, owner, float(width_px[k]), owner.corners_m, points.of(k), slopes[k])
         for k, (detection, owner) in enumerate(listed)
         if usable[k]
     )

@@ -9,6 +9,9 @@ from camrig.messages.events import (
 )
 from camrig.messages.located import (
     CameraPose,
+    Fix,
+    Motion,
+    Seen,
     Sighting,
     Target,
     TargetStatus,
@@ -60,6 +63,7 @@ __all__ = [
     "DroneReading",
     "Event",
     "Expected",
+    "Fix",
     "FlightState",
     "Frame",
     "HeadAim",
@@ -68,6 +72,7 @@ __all__ = [
     "LinkReport",
     "LinkStatus",
     "LostTarget",
+    "Motion",
     "PlanRequest",
     "PlanStatus",
     "PlanTarget",
@@ -78,6 +83,7 @@ __all__ = [
     "RigPose",
     "ScanPlan",
     "ScanRequest",
+    "Seen",
     "Sighting",
     "TagDetection",
     "TagDetections",

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from camrig.geometry.arrays import Array, Transform
 
 
@@ -34,6 +36,68 @@ class Sighting:
     camera_covariance: Array
     quality_m: float
     tags: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """How a body moves as far as is known: ``T_world_body`` at ``stamp_s`` (None = not known where), velocity (3,) with
+    its (3, 3) covariance, the density (3,) of its acceleration in m2/s3, and the variance (3,) that each second adds to
+    its orientation, by world axis.
+    """
+
+    stamp_s: float
+    T_world_body: Transform | None
+    velocity_m_s: Array
+    velocity_covariance: Array
+    acceleration_m2_s3: Array
+    turn_rad2_s: Array
+
+    def shift_m(self, stamp_s: float) -> Array:
+        """Return by what (3,) it is further on at another stamp."""
+        return self.velocity_m_s * (stamp_s - self.stamp_s)
+
+    def spread(self, dt_s: float) -> Array:
+        """Return the (6, 6) covariance (geometry.pose) of its pose ``dt_s`` later or earlier, given what it is now."""
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3] = self.velocity_covariance * dt_s**2 + np.diag(self.acceleration_m2_s3) * abs(dt_s) ** 3 / 3
+        covariance[3:, 3:] = np.diag(self.turn_rad2_s) * abs(dt_s)
+        return covariance
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """By which camera, when, and with which of the paper's Q a body was seen."""
+
+    camera_id: str
+    stamp_s: float
+    quality_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fix:
+    """Where a body was at ``stamp_s`` by what one or more cameras saw of it: what tracks are made of.
+
+    ``covariance`` (6, 6) is of the corner noise alone. What every camera adds with errors that stay (its pose, its
+    lens) are k factors: ``factors`` (k, 6, 10) times unit normal numbers, one row for each of ``sources``.
+    """
+
+    target_id: str
+    stamp_s: float
+    T_world_body: Transform
+    covariance: Array
+    sources: tuple[str, ...]
+    factors: Array
+    seen: tuple[Seen, ...]
+
+    @property
+    def order(self) -> tuple[float, tuple[str, ...]]:
+        """Its place among the fixes of its body."""
+        return self.stamp_s, tuple(each.camera_id for each in self.seen)
+
+    @property
+    def whole(self) -> Array:
+        """The (6, 6) covariance of all its errors."""
+        return np.asarray(self.covariance + (self.factors @ self.factors.swapaxes(1, 2)).sum(axis=0))
 
 
 class TargetStatus(StrEnum):

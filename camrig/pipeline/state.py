@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from camrig import fuse
 from camrig.interfaces import Published
-from camrig.locate import Histories
+from camrig.locate import Histories, View
 from camrig.messages import (
     AxisReading,
     CameraPose,
@@ -74,6 +74,8 @@ class State:
     histories: Histories = field(default_factory=Histories)
     pending: tuple[TagDetections, ...] = ()
     """Frames whose camera's pose is not bracketed by readings yet."""
+    views: Mapping[str, View] = field(default_factory=dict)
+    """What each camera's newest frame showed."""
     camera_poses: Mapping[str, CameraPose] = field(default_factory=dict)
     """The last known pose of each camera."""
     steer: SteerState = field(default_factory=SteerState)

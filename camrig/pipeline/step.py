@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from camrig import fuse, locate
 from camrig.interfaces import Published
-from camrig.messages import AxisReading, CameraPose, Event, Sighting
+from camrig.messages import AxisReading, CameraPose, Event, Fix, Sighting
 from camrig.pipeline import mission, watch
 from camrig.pipeline.expect import expected
 from camrig.pipeline.state import Inputs, Outputs, Settings, State
@@ -20,8 +21,8 @@ POSE_WAIT_S = 0.25
 def step(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: float) -> tuple[State, Outputs]:
     """Take in what arrived, and return the state after it and everything that is to be done."""
     state, link_events = watch.take_readings(state, inputs, rig)
-    state, seen = _see(state, inputs, rig, now_s)
-    tracks, fuse_notes = fuse.update(state.tracks, seen.sightings, rig, settings.fuse)
+    state, seen = _see(state, inputs, rig, settings, now_s)
+    tracks, fuse_notes = fuse.update(state.tracks, seen.fixes, rig, settings.fuse)
     targets = fuse.targets_at(tracks, rig, now_s, settings.fuse)
     known = watch.knowledge(state, targets, inputs, rig, now_s)
     plan, request, events = mission.advance(state.mission, rig, known, inputs.answer, settings.mission, now_s)
@@ -41,12 +42,13 @@ class Seen:
     """What the frames of one tick tell."""
 
     sightings: tuple[Sighting, ...]
+    fixes: tuple[Fix, ...]
     camera_poses: tuple[CameraPose, ...]
     head_angles: tuple[AxisReading, ...]
     notes: tuple[Event, ...]
 
 
-def _see(state: State, inputs: Inputs, rig: Rig, now_s: float) -> tuple[State, Seen]:
+def _see(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: float) -> tuple[State, Seen]:
     """Place the targets of every frame whose camera's pose at its stamp is known; keep the others for later."""
     frames = (*state.pending, *inputs.detections)
     ready = [
@@ -58,16 +60,32 @@ def _see(state: State, inputs: Inputs, rig: Rig, now_s: float) -> tuple[State, S
         locate.locate(frame, state.histories, rig, fuse.predicted_poses(state.tracks, frame.stamp_s))
         for frame in sorted(ready, key=lambda frame: frame.stamp_s)
     ]
-    poses = {each.camera_pose.camera_id: each.camera_pose for each in found if each.camera_pose is not None}
-    pending = tuple(frame for frame in frames if frame not in ready)
-    state = replace(state, pending=pending, camera_poses={**state.camera_poses, **poses})
+    views = {each.view.camera_id: each.view for each in found if each.view is not None}
+    if settings.fuse.estimator == "joint":
+        motions = fuse.motions(state.tracks, rig, now_s, settings.fuse)
+        together = locate.joint(tuple(views.values()), tuple(state.views.values()), motions, rig)
+    else:
+        together = locate.apart(tuple(each.view for each in found if each.view is not None))
+    poses = {pose.camera_id: pose for pose in together.camera_poses}
+    state = replace(
+        state,
+        pending=tuple(frame for frame in frames if frame not in ready),
+        views={**state.views, **_newer(views, state.views)},
+        camera_poses={**state.camera_poses, **poses},
+    )
     seen = Seen(
         sightings=tuple(sighting for each in found for sighting in each.sightings),
-        camera_poses=tuple(poses.values()),
+        fixes=together.fixes,
+        camera_poses=together.camera_poses,
         head_angles=tuple(reading for each in found for reading in each.head_angles),
-        notes=tuple(note for each in found for note in each.notes),
+        notes=(*(note for each in found for note in each.notes), *together.notes),
     )
     return state, seen
+
+
+def _newer(views: Mapping[str, locate.View], than: Mapping[str, locate.View]) -> dict[str, locate.View]:
+    """Return the views of a later stamp than their camera's last one: frames may overtake each other."""
+    return {name: view for name, view in views.items() if name not in than or view.stamp_s > than[name].stamp_s}
 
 
 def rescan(state: State, now_s: float) -> State:

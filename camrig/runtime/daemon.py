@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 
+from camrig import locate
 from camrig.clock import Clock, RealClock
 from camrig.config.rig_file import RigConfig
 from camrig.detect import warm_up
@@ -77,8 +78,9 @@ class Daemon:
             raise
 
     def _start(self) -> None:
+        locate.warm_up()  # before anything is open: no thread must be silent for so long
         if self.config.refine:
-            warm_up()  # before anything is open: a camera's thread must not be silent for so long
+            warm_up()
         self._guardian = GuardianLink()
         self._open.callback(self._guardian.close)
         self.devices = self._build(self._guardian)

@@ -15,7 +15,7 @@ from camrig import fuse
 from camrig.geometry import pose
 from camrig.geometry.arrays import Array
 from camrig.geometry.rotation import rotation_z, yaw_of
-from camrig.messages import Event, Sighting, Target, TargetStatus
+from camrig.messages import Event, Fix, Seen, Target, TargetStatus
 from camrig.rig import Body, Rig, Space
 
 SETTINGS = fuse.Settings()
@@ -39,7 +39,7 @@ def six(position: Array, turn_sigma_rad: float = 0.02) -> Array:
     return covariance
 
 
-def sighting(
+def fix(
     stamp_s: float,
     position_m: Array = HERE,
     camera_id: str = "a",
@@ -47,26 +47,34 @@ def sighting(
     bias: Array | None = None,
     quality_m: float = 0.003,
     yaw_rad: float = 0.0,
-) -> Sighting:
-    return Sighting(
+) -> Fix:
+    """What one camera saw, its own error given by a (3, 3) ``bias``."""
+    factors = np.zeros((1, 6, 10))
+    factors[0, :, :6] = root(six(1e-6 * np.eye(3) if bias is None else bias, 0.002))
+    return Fix(
         target_id="t",
-        camera_id=camera_id,
         stamp_s=stamp_s,
         T_world_body=pose.transform(rotation_z(yaw_rad), position_m),
         covariance=six(np.diag([4e-6, 4e-6, 1.6e-5]) if white is None else white),
-        camera_covariance=six(1e-6 * np.eye(3) if bias is None else bias, 0.002),
-        quality_m=quality_m,
-        tags=1,
+        sources=(camera_id,),
+        factors=factors,
+        seen=(Seen(camera_id, stamp_s, quality_m),),
     )
 
 
+def root(covariance: Array) -> Array:
+    """Return the symmetric square root, of a singular matrix too."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
 def fused(
-    sightings: list[Sighting], rig: Rig = FLOOR, settings: fuse.Settings = SETTINGS
+    fixes: list[Fix], rig: Rig = FLOOR, settings: fuse.Settings = SETTINGS
 ) -> tuple[fuse.Tracks, tuple[Event, ...]]:
     """Fuse one at a time, as frames arrive."""
     tracks = fuse.Tracks()
     notes: tuple[Event, ...] = ()
-    for one in sightings:
+    for one in fixes:
         tracks, new = fuse.update(tracks, [one], rig, settings)
         notes += new
     return tracks, notes
@@ -97,14 +105,14 @@ def nees(found: Target, truth: Array) -> float:
 # --- consistency ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("weighting", ["covariance", "quality"])
+@pytest.mark.parametrize("estimator", ["joint", "quality"])
 @pytest.mark.parametrize("bias_sigma_m", [0.0, 0.004])
 def test_a_static_targets_covariance_is_what_sampling_shows_with_biased_cameras_too(
-    weighting: str, bias_sigma_m: float
+    estimator: str, bias_sigma_m: float
 ) -> None:
     """Two cameras, each with an error of its own that stays: however many frames, the published covariance tells."""
     still = fuse.MotionModel((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1e-6)
-    options = fuse.Settings(weighting=weighting, models={"static": still}, repeating=0.0)  # type: ignore[arg-type]  # a parameter
+    options = fuse.Settings(estimator=estimator, models={"static": still}, repeating=0.0)  # type: ignore[arg-type]  # a parameter
     rng = np.random.default_rng(0)
     values, spread, naive = [], [], []
     for _ in range(500):
@@ -112,7 +120,7 @@ def test_a_static_targets_covariance_is_what_sampling_shows_with_biased_cameras_
         shared = {camera: random_covariance(rng, bias_sigma_m) for camera in "ab"}
         bias = {camera: rng.multivariate_normal(np.zeros(3), shared[camera]) for camera in "ab"}
         frames = [
-            sighting(0.05 * k, HERE + bias[c] + rng.multivariate_normal(np.zeros(3), white), c, white, shared[c])
+            fix(0.05 * k, HERE + bias[c] + rng.multivariate_normal(np.zeros(3), white), c, white, shared[c])
             for k, c in enumerate("aabab" * 4)
         ]
         tracks, _ = fuse.update(fuse.Tracks(), frames, STATIC, options)
@@ -123,7 +131,7 @@ def test_a_static_targets_covariance_is_what_sampling_shows_with_biased_cameras_
         assert state is not None
         naive.append(math.sqrt(np.trace(state.covariance[:3, :3])))
     assert within_chance(values, 3)
-    if bias_sigma_m and weighting == "covariance":
+    if bias_sigma_m and estimator == "joint":
         assert np.mean(spread) > 1.5 * np.mean(naive)  # what a filter that takes bias for noise would claim
 
 
@@ -135,7 +143,7 @@ def test_corner_noise_that_repeats_is_not_averaged_away() -> None:
         white = random_covariance(rng, 0.003)
         same = rng.multivariate_normal(np.zeros(3), 0.8 * white)
         frames = [
-            sighting(0.05 * k, HERE + same + rng.multivariate_normal(np.zeros(3), 0.2 * white), "a", white, 0.0 * white)
+            fix(0.05 * k, HERE + same + rng.multivariate_normal(np.zeros(3), 0.2 * white), "a", white, 0.0 * white)
             for k in range(20)
         ]
         values.append(nees(target(fuse.update(fuse.Tracks(), frames, STATIC)[0], 1.0, STATIC), HERE))
@@ -156,7 +164,7 @@ def test_a_moving_targets_covariance_is_what_sampling_shows() -> None:
         for k in range(15):
             x = F @ x + root @ rng.normal(size=6) if k else x
             seen = x[:3] + rng.multivariate_normal(np.zeros(3), white)
-            frames.append(sighting(0.1 * k, seen, white=white, bias=np.zeros((3, 3))))
+            frames.append(fix(0.1 * k, seen, white=white, bias=np.zeros((3, 3))))
         values.append(nees(target(fused(frames, FREE, ALL_NEW)[0], 1.4, FREE), x[:3]))
     assert within_chance(values, 3)
 
@@ -172,7 +180,7 @@ def test_two_steps_of_a_motion_are_one_step_of_their_sum(
 
 
 def test_a_steady_motion_is_followed_without_lag_and_its_speed_known() -> None:
-    frames = [sighting(0.1 * k, HERE + 0.1 * k * np.array([0.3, -0.1, 0.0])) for k in range(40)]
+    frames = [fix(0.1 * k, HERE + 0.1 * k * np.array([0.3, -0.1, 0.0])) for k in range(40)]
     found = target(fused(frames)[0], 3.9)
     assert found.position_m == pytest.approx(frames[-1].T_world_body[:3, 3], abs=2e-3)
     assert found.velocity_m_s == pytest.approx([0.3, -0.1, 0.0], abs=0.03)
@@ -184,7 +192,7 @@ def test_a_floor_targets_height_is_learnt_and_helps_its_place() -> None:
     white = 1e-4 * np.outer(ray, ray) + 1e-7 * np.eye(3)
     rng = np.random.default_rng(2)
     frames = [
-        sighting(0.1 * k, HERE + rng.multivariate_normal(np.zeros(3), white), white=white, bias=np.zeros((3, 3)))
+        fix(0.1 * k, HERE + rng.multivariate_normal(np.zeros(3), white), white=white, bias=np.zeros((3, 3)))
         for k in range(60)
     ]
     on_floor, in_space = (target(fused(frames, rig, ALL_NEW)[0], 5.9, rig) for rig in (FLOOR, FREE))
@@ -195,11 +203,11 @@ def test_a_floor_targets_height_is_learnt_and_helps_its_place() -> None:
 def test_the_papers_weighting_follows_quality_and_not_covariance() -> None:
     good, poor = HERE, HERE + np.array([0.03, 0.0, 0.0])
     vague = np.diag([1e-2] * 3)
-    frames = [sighting(0.0, good, "a", vague, quality_m=0.002), sighting(0.0, poor, "b", vague, quality_m=0.004)]
-    options = replace(SETTINGS, weighting="quality")
+    frames = [fix(0.0, good, "a", vague, quality_m=0.002), fix(0.0, poor, "b", vague, quality_m=0.004)]
+    options = replace(SETTINGS, estimator="quality")
     found = target(fuse.update(fuse.Tracks(), frames, STATIC, options)[0], 0.0, STATIC, options)
     share = (found.position_m - HERE)[0] / 0.03
-    # begun with the first sighting's covariance, then weighed by Q^2: the second counts in full
+    # begun with the first fix's covariance, then weighed by Q^2: the second counts in full
     assert share > 0.9
     assert found.quality_m == pytest.approx(1.0 / (1.0 / 0.002 + 1.0 / 0.004))
 
@@ -207,7 +215,7 @@ def test_the_papers_weighting_follows_quality_and_not_covariance() -> None:
 # --- the order of arrival -------------------------------------------------------------------------------
 
 
-def scattered(seed: int, n: int = 12) -> list[Sighting]:
+def scattered(seed: int, n: int = 12) -> list[Fix]:
     """Sightings of two cameras at odd times, some far off: births, gates and restarts included."""
     rng = np.random.default_rng(seed)
     frames, place = [], HERE
@@ -215,7 +223,7 @@ def scattered(seed: int, n: int = 12) -> list[Sighting]:
         place = place + (rng.normal(size=3) if rng.uniform() < 0.2 else 0.0)
         white = random_covariance(rng, 0.05 if rng.uniform() < 0.3 else 0.003)
         stamp_s = float(rng.uniform(0.0, 0.65))
-        frames.append(sighting(stamp_s, place + 0.003 * rng.normal(size=3), str(rng.choice(["a", "b"])), white))
+        frames.append(fix(stamp_s, place + 0.003 * rng.normal(size=3), str(rng.choice(["a", "b"])), white))
     return frames
 
 
@@ -225,11 +233,11 @@ def test_the_result_does_not_depend_on_the_order_of_arrival(seed: int, shuffler:
     frames = scattered(seed)
     shuffled = list(frames)
     shuffler.shuffle(shuffled)  # type: ignore[attr-defined]  # random.Random, which hypothesis hands in untyped
-    start = [sighting(-0.01), *frames]
+    start = [fix(-0.01), *frames]
     one, other = fused(start)[0], fused([start[0], *shuffled])[0]
     assert_same(one, other)
     # And so it stays once everything has left the buffer.
-    later = [sighting(2.0 + 0.1 * k) for k in range(12)]
+    later = [fix(2.0 + 0.1 * k) for k in range(12)]
     assert_same(fuse.update(one, later, FLOOR)[0], fuse.update(other, later, FLOOR)[0])
 
 
@@ -241,10 +249,10 @@ def assert_same(one: fuse.Tracks, other: fuse.Tracks) -> None:
     assert (a.status, a.seen_by, a.last_seen_s) == (b.status, b.seen_by, b.last_seen_s)
 
 
-def test_a_sighting_too_late_is_dropped_and_reported() -> None:
-    frames = [sighting(0.1 * k) for k in range(20)]
+def test_a_fix_too_late_is_dropped_and_reported() -> None:
+    frames = [fix(0.1 * k) for k in range(20)]
     tracks, _ = fused(frames)
-    same, notes = fuse.update(tracks, [sighting(1.0, HERE + 1.0, "slow")], FLOOR)
+    same, notes = fuse.update(tracks, [fix(1.0, HERE + 1.0, "slow")], FLOOR)
     assert same.by_id == tracks.by_id
     (note,) = notes
     assert note.about == "t"
@@ -252,15 +260,15 @@ def test_a_sighting_too_late_is_dropped_and_reported() -> None:
     assert "0.7 s late" in note.text
 
 
-def test_the_same_sighting_twice_counts_once() -> None:
-    frames = [sighting(0.0), sighting(0.1), sighting(0.1), sighting(0.2)]
+def test_the_same_fix_twice_counts_once() -> None:
+    frames = [fix(0.0), fix(0.1), fix(0.1), fix(0.2)]
     assert_same(fused(frames)[0], fused([frames[0], frames[1], frames[3]])[0])
 
 
 def test_the_buffer_stays_short() -> None:
-    tracks, _ = fused([sighting(0.05 * k) for k in range(200)])
+    tracks, _ = fused([fix(0.05 * k) for k in range(200)])
     track = tracks.by_id["t"]
-    assert len(track.sightings) == len(track.states) <= 15
+    assert len(track.fixes) == len(track.states) <= 15
 
 
 # --- birth, gate, loss ----------------------------------------------------------------------------------
@@ -277,8 +285,8 @@ def test_nobody_has_seen_it() -> None:
     assert (found.seen_by, found.last_seen_s, found.quality_m) == ((), -math.inf, None)
 
 
-def test_a_good_first_sighting_is_enough() -> None:
-    found = target(fused([sighting(1.0)])[0], 1.1)
+def test_a_good_first_fix_is_enough() -> None:
+    found = target(fused([fix(1.0)])[0], 1.1)
     assert (found.status, found.seen_by, found.last_seen_s) == (TargetStatus.TRACKED, ("a",), 1.0)
     assert found.position_m == pytest.approx(HERE)
     assert found.quality_m == pytest.approx(0.003)
@@ -286,9 +294,9 @@ def test_a_good_first_sighting_is_enough() -> None:
 
 def test_a_vague_one_waits_for_a_second_that_agrees() -> None:
     first, elsewhere, agreeing = (
-        sighting(1.0, white=VAGUE),
-        sighting(1.1, HERE + 2.0, white=VAGUE),
-        sighting(1.2, HERE + 2.05, white=VAGUE),
+        fix(1.0, white=VAGUE),
+        fix(1.1, HERE + 2.0, white=VAGUE),
+        fix(1.2, HERE + 2.05, white=VAGUE),
     )
     tracks, _ = fused([first, elsewhere])
     assert target(tracks, 1.1).status is TargetStatus.UNSEEN
@@ -299,20 +307,20 @@ def test_a_vague_one_waits_for_a_second_that_agrees() -> None:
 
 
 def test_a_vague_one_that_stays_alone_is_forgotten() -> None:
-    tracks, _ = fused([sighting(1.0, white=VAGUE), sighting(9.0, white=VAGUE)])
+    tracks, _ = fused([fix(1.0, white=VAGUE), fix(9.0, white=VAGUE)])
     assert target(tracks, 9.0).status is TargetStatus.UNSEEN
 
 
-def test_one_wild_sighting_does_not_move_a_track() -> None:
-    steady = [sighting(0.1 * k) for k in range(10)]
-    wild = sighting(0.95, HERE + np.array([0.5, 0.0, 0.0]), "b")
-    found = target(fused([*steady, wild, sighting(1.0)])[0], 1.0)
+def test_one_wild_fix_does_not_move_a_track() -> None:
+    steady = [fix(0.1 * k) for k in range(10)]
+    wild = fix(0.95, HERE + np.array([0.5, 0.0, 0.0]), "b")
+    found = target(fused([*steady, wild, fix(1.0)])[0], 1.0)
     assert found.position_m == pytest.approx(HERE, abs=1e-6)
     assert found.seen_by == ("a",)
 
 
 def test_a_camera_that_errs_for_ever_does_not_win_while_another_agrees_with_the_track() -> None:
-    frames = [sighting(0.05 * k, HERE + (k % 2) * np.array([0.5, 0.0, 0.0]), "b" if k % 2 else "a") for k in range(60)]
+    frames = [fix(0.05 * k, HERE + (k % 2) * np.array([0.5, 0.0, 0.0]), "b" if k % 2 else "a") for k in range(60)]
     tracks, notes = fused(frames)
     assert notes == ()
     assert target(tracks, 3.0).position_m == pytest.approx(HERE, abs=1e-3)
@@ -320,8 +328,8 @@ def test_a_camera_that_errs_for_ever_does_not_win_while_another_agrees_with_the_
 
 def test_a_target_picked_up_and_put_down_elsewhere_is_found_there_and_reported() -> None:
     there = HERE + np.array([1.5, -0.5, 0.0])
-    before = [sighting(0.1 * k) for k in range(20)]
-    after = [sighting(2.0 + 0.1 * k, there + 0.001 * k) for k in range(4)]
+    before = [fix(0.1 * k) for k in range(20)]
+    after = [fix(2.0 + 0.1 * k, there + 0.001 * k) for k in range(4)]
     tracks, notes = fused([*before, *after[:2]])
     assert notes == ()
     assert target(tracks, 2.1).position_m == pytest.approx(HERE, abs=0.01)
@@ -332,7 +340,7 @@ def test_a_target_picked_up_and_put_down_elsewhere_is_found_there_and_reported()
 
 
 def test_out_of_sight_it_is_lost_after_a_time_and_ever_less_certain_and_found_again() -> None:
-    tracks, _ = fused([sighting(0.1 * k) for k in range(10)])
+    tracks, _ = fused([fix(0.1 * k) for k in range(10)])
     soon, late, later = (target(tracks, now_s) for now_s in (1.8, 2.0, 30.0))
     assert [one.status for one in (soon, late, later)] == [TargetStatus.TRACKED, TargetStatus.LOST, TargetStatus.LOST]
     assert late.last_seen_s == 0.9
@@ -342,34 +350,34 @@ def test_out_of_sight_it_is_lost_after_a_time_and_ever_less_certain_and_found_ag
     assert sizes == sorted(sizes)
     # A robot at 0.3 m/s is somewhere within metres after half a minute, not kilometres.
     assert 1.0 < math.sqrt(sizes[2]) < 10.0
-    again = sighting(30.0, HERE + np.array([4.0, -1.0, 0.0]))
+    again = fix(30.0, HERE + np.array([4.0, -1.0, 0.0]))
     found = target(fuse.update(tracks, [again], FLOOR)[0], 30.0)
     assert found.status is TargetStatus.TRACKED
     assert found.position_m == pytest.approx(again.T_world_body[:3, 3], abs=0.01)
 
 
 def test_a_lost_target_far_from_anywhere_it_could_be_is_started_anew() -> None:
-    tracks, _ = fused([sighting(0.1 * k) for k in range(10)])
-    again = sighting(4.0, HERE + 50.0)
+    tracks, _ = fused([fix(0.1 * k) for k in range(10)])
+    again = fix(4.0, HERE + 50.0)
     found = target(fuse.update(tracks, [again], FLOOR)[0], 4.0)
     assert found.position_m == pytest.approx(HERE + 50.0)
 
 
 def test_a_static_target_loses_next_to_nothing_while_nobody_looks() -> None:
-    frames = [sighting(0.1 * k) for k in range(10)]
+    frames = [fix(0.1 * k) for k in range(10)]
     tracks, _ = fused(frames, STATIC)
     now, later = target(tracks, 0.9, STATIC), target(tracks, 60.0, STATIC)
     assert later.position_m == pytest.approx(now.position_m)
     assert np.trace(later.covariance_m2) < np.trace(now.covariance_m2) + 3e-6
 
 
-def test_a_tick_before_the_newest_sighting_is_answered_at_its_stamp() -> None:
-    found = target(fused([sighting(1.0)])[0], 0.95)
+def test_a_tick_before_the_newest_fix_is_answered_at_its_stamp() -> None:
+    found = target(fused([fix(1.0)])[0], 0.95)
     assert (found.stamp_s, found.status) == (1.0, TargetStatus.TRACKED)
 
 
 def test_predicted_poses_carry_place_and_heading_on() -> None:
-    frames = [sighting(0.1 * k, HERE + 0.1 * k * np.array([0.3, 0.0, 0.0]), yaw_rad=0.5) for k in range(30)]
+    frames = [fix(0.1 * k, HERE + 0.1 * k * np.array([0.3, 0.0, 0.0]), yaw_rad=0.5) for k in range(30)]
     poses = fuse.predicted_poses(fused(frames)[0], 3.0)
     assert set(poses) == {"t"}
     assert poses["t"][:3, 3] == pytest.approx(HERE + np.array([0.9, 0.0, 0.0]), abs=5e-3)
@@ -378,8 +386,8 @@ def test_predicted_poses_carry_place_and_heading_on() -> None:
 
 def test_the_heading_is_averaged_while_it_stands_and_followed_when_it_turns() -> None:
     rng = np.random.default_rng(4)
-    still = [sighting(0.1 * k, yaw_rad=0.3 + 0.02 * rng.normal()) for k in range(100)]
+    still = [fix(0.1 * k, yaw_rad=0.3 + 0.02 * rng.normal()) for k in range(100)]
     R = target(fused(still, STATIC)[0], 9.9, STATIC).R_world_body
     assert yaw_of(R) == pytest.approx(0.3, abs=0.008)
-    turning = [sighting(0.1 * k, yaw_rad=0.1 * k) for k in range(20)]
+    turning = [fix(0.1 * k, yaw_rad=0.1 * k) for k in range(20)]
     assert yaw_of(target(fused(turning)[0], 1.9).R_world_body) == pytest.approx(1.9, abs=0.03)

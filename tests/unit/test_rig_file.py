@@ -67,11 +67,11 @@ def test_a_good_file_becomes_a_rig_in_si_units(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("section", "weighting"),
-    [("", "covariance"), ("fusion: {}\n", "covariance"), ("fusion: {weighting: quality}\n", "quality")],
+    ("section", "estimator"),
+    [("", "joint"), ("fusion: {}\n", "joint"), ("fusion: {estimator: quality}\n", "quality")],
 )
-def test_the_papers_weighting_of_fusion_is_asked_for_in_the_file(tmp_path: Path, section: str, weighting: str) -> None:
-    assert settings_of(load_rig(_write(tmp_path, GOOD + section))).fuse.weighting == weighting
+def test_the_estimator_of_fusion_is_asked_for_in_the_file(tmp_path: Path, section: str, estimator: str) -> None:
+    assert settings_of(load_rig(_write(tmp_path, GOOD + section))).fuse.estimator == estimator
 
 
 def test_what_a_planner_is_not_told_stays_as_a_running_rig_has_it(tmp_path: Path) -> None:
@@ -174,7 +174,7 @@ def test_a_drones_camera_looks_down_with_image_right_along_its_nose() -> None:
         ("anchors:", "planner: {min_tag_px: -1}\nanchors:", 13, "planner.min_tag_px: input should be greater"),
         ("anchors:", "planner: {quality: magic}\nanchors:", 13, "'pixel', 'fisher' or 'perspective'"),
         ("rig: lab", "rgi: lab", 1, "unknown key"),
-        ("rig: lab", "rig: lab\nfusion: {weighting: paper}", 2, "'covariance' or 'quality'"),
+        ("rig: lab", "rig: lab\nfusion: {estimator: paper}", 2, "'joint', 'covariance', 'quality' or 'mean'"),
     ],
 )  # fmt: skip
 def test_a_fault_is_named_with_its_line(tmp_path: Path, old: str, new: str, line: int, says: str) -> None:

@@ -1,0 +1,302 @@
+"""Cameras and bodies estimated together from all corners of all tags: a small, dense bundle adjustment.
+
+The unknowns are the error of each camera's pose (6, geometry.pose) and of its lens (4, geometry.lens.errors), each with
+a prior, and the pose of each body (6). Corners are weighed as in geometry.pnp. Bodies are eliminated (Schur
+complement): a handful of cameras remain. Source: Triggs et al., "Bundle Adjustment - A Modern Synthesis" (2000),
+sections 3 and 6.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from camrig.geometry.arrays import Array
+from camrig.geometry.jit import compiled
+from camrig.geometry.pnp import perturb_stack, prior_error
+
+CAMERA = 10
+"""Unknowns of a camera: [dx dy dz rx ry rz] of its pose, then its lens's four."""
+
+HUBER_CHI2 = 20.1
+"""chi2 of the 8 numbers of one tag that noise exceeds once in 100: beyond it a tag counts in proportion to its root."""
+
+_STEPS = 12
+_DONE = 1e-5
+_DONE_SHARE = 1e-6
+_MIN_DEPTH_M = 1e-6
+
+Indices = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Views:
+    """m tags, each seen by one camera: which, and what carries the tag (-1: the room).
+
+    ``corners_m`` (m, 4, 3) are in the body's frame, an anchor's in the world; ``shift_m`` (m, 3) is how much further
+    the body was than at its own stamp and ``spread`` (m, 6, 6) how uncertain its pose is for that; ``ideal`` (m, 4, 2)
+    and ``whitener`` (m, 4, 2, 2) as in geometry.pnp; ``lens_slopes`` (m, 4, 2, 4) is the derivative of the whitened
+    residual by the lens's errors.
+    """
+
+    camera: Indices
+    body: Indices
+    corners_m: Array
+    shift_m: Array
+    spread: Array
+    ideal: Array
+    whitener: Array
+    lens_slopes: Array
+
+    def only(self, kept: npt.NDArray[np.bool_]) -> Views:
+        """Return some of the views."""
+        parts = (self.camera, self.body, self.corners_m, self.shift_m, self.spread)
+        return Views(*(part[kept] for part in (*parts, self.ideal, self.whitener, self.lens_slopes)))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """(k, 4, 4) poses and the (k, 6, 6) information there is on them beforehand (zero = none)."""
+
+    T: Array
+    information: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """What is being solved for: (c, 4, 4) ``T_world_camera``, (c, 4) errors of lenses, (b, 4, 4) ``T_world_body``."""
+
+    cameras: Array
+    lenses: Array
+    bodies: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjusted:
+    """The most probable estimate; ``chi2`` (m,) of each view at it.
+
+    ``camera_covariance`` is (c, 10, c, 10); ``body_covariance`` (b, 6, 6) is the whole; ``sensitivity`` (b, 6, c, 10)
+    is the covariance of bodies with cameras, by which the cameras' priors enter.
+    """
+
+    estimate: Estimate
+    chi2: Array
+    camera_covariance: Array
+    body_covariance: Array
+    sensitivity: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Normal:
+    """The normal equations: Hcc (c, 10, 10), Hbc (b, 6, 10 c), Hbb (b, 6, 6), their gradients and the cost."""
+
+    Hcc: Array
+    Hbc: Array
+    Hbb: Array
+    gc: Array
+    gb: Array
+    chi2: Array
+    cost: float
+
+
+def adjust(views: Views, cameras: Poses, lens_information: Array, bodies: Poses, start: Estimate) -> Adjusted:
+    """Minimise the robust sum of squares of all corners and priors by Levenberg-Marquardt, begun at ``start``.
+
+    ``lens_information`` is (c, 4, 4). Every camera needs a prior or anchors in view, every body a view.
+    """
+    at, damping = start, 0.0
+    normal = _normal(views, cameras, lens_information, bodies, at)
+    for _ in range(_STEPS):
+        camera_step, body_step = _step(normal, damping)
+        moved = Estimate(
+            perturb_stack(at.cameras, camera_step[:, :6]),
+            at.lenses + camera_step[:, 6:],
+            perturb_stack(at.bodies, body_step),
+        )
+        there = _normal(views, cameras, lens_information, bodies, moved)
+        gain = -float((camera_step * normal.gc).sum() + (body_step * normal.gb).sum())
+        if there.cost <= normal.cost:
+            at, normal, damping = moved, there, 0.1 * damping if damping > 1e-6 else 0.0
+        else:
+            damping = max(10.0 * damping, 1e-4)
+        if gain < _DONE + _DONE_SHARE * normal.cost:
+            break
+    return _with_covariance(at, normal)
+
+
+def _normal(views: Views, cameras: Poses, lens_information: Array, bodies: Poses, at: Estimate) -> _Normal:
+    """Linearise all corners and priors about an estimate."""
+    c, b = len(at.cameras), len(at.bodies)
+    Hcc, Hbc, Hbb = np.zeros((c, CAMERA, CAMERA)), np.zeros((b, 6, CAMERA * c)), np.zeros((b, 6, 6))
+    gc, gb, chi2 = np.zeros((c, CAMERA)), np.zeros((b, 6)), np.zeros(len(views.camera))
+    cost = _accumulate(
+        at.cameras, at.lenses, at.bodies, views.camera, views.body, views.corners_m, views.shift_m, views.spread,
+        views.ideal, views.whitener, views.lens_slopes, Hcc, Hbc, Hbb, gc, gb, chi2,
+    )  # fmt: skip
+    for T, known, H, g in ((at.cameras, cameras, Hcc, gc), (at.bodies, bodies, Hbb, gb)):
+        error, G = prior_error(T, known.T)
+        weighted = (known.information @ error[..., None])[..., 0]
+        H[:, :6, :6] += G.swapaxes(1, 2) @ known.information @ G
+        g[:, :6] += (G.swapaxes(1, 2) @ weighted[..., None])[..., 0]
+        cost += float((error * weighted).sum())
+    weighted = (lens_information @ at.lenses[..., None])[..., 0]
+    Hcc[:, 6:, 6:] += lens_information
+    gc[:, 6:] += weighted
+    return _Normal(Hcc, Hbc, Hbb, gc, gb, chi2, cost + float((at.lenses * weighted).sum()))
+
+
+def _step(normal: _Normal, damping: float) -> tuple[Array, Array]:
+    """Return the (c, 10) and (b, 6) step of the damped normal equations."""
+    body_inverse, Y, S = _eliminated(normal, damping)
+    camera_step = -np.linalg.solve(S, normal.gc.ravel() - np.einsum("bij,bi->j", Y, normal.gb))
+    body_step = -(body_inverse @ normal.gb[..., None])[..., 0] - Y @ camera_step
+    return camera_step.reshape(normal.gc.shape), body_step
+
+
+def _eliminated(normal: _Normal, damping: float) -> tuple[Array, Array, Array]:
+    """Return Hbb^-1 (b, 6, 6), Y = Hbb^-1 Hbc (b, 6, 10 c) and the Schur complement of the cameras."""
+    c = len(normal.Hcc)
+    Hbb, blocks = normal.Hbb.copy(), np.zeros((c, CAMERA, c, CAMERA))
+    blocks[np.arange(c), :, np.arange(c), :] = normal.Hcc
+    S = blocks.reshape(CAMERA * c, CAMERA * c)
+    if damping:
+        Hbb[:, np.arange(6), np.arange(6)] *= 1.0 + damping
+        S[np.diag_indices_from(S)] *= 1.0 + damping
+    body_inverse = np.asarray(np.linalg.inv(Hbb), float)
+    Y = body_inverse @ normal.Hbc
+    flat = normal.Hbc.reshape(-1, CAMERA * c)
+    return body_inverse, Y, S - flat.T @ Y.reshape(-1, CAMERA * c)
+
+
+def _with_covariance(at: Estimate, normal: _Normal) -> Adjusted:
+    c = len(at.cameras)
+    body_inverse, Y, S = _eliminated(normal, 0.0)
+    P = np.asarray(np.linalg.inv(S), float)
+    P = 0.5 * (P + P.T)
+    across = -(Y @ P)
+    whole = body_inverse - across @ Y.swapaxes(1, 2)
+    return Adjusted(at, normal.chi2, P.reshape(c, CAMERA, c, CAMERA), whole, across.reshape(len(across), 6, c, CAMERA))
+
+
+@compiled
+def _accumulate(
+    T_world_camera: Array,
+    lens: Array,
+    T_world_body: Array,
+    camera: Indices,
+    body: Indices,
+    corners: Array,
+    shift: Array,
+    spread: Array,
+    ideal: Array,
+    whitener: Array,
+    lens_slopes: Array,
+    Hcc: Array,
+    Hbc: Array,
+    Hbb: Array,
+    gc: Array,
+    gb: Array,
+    chi2: Array,
+) -> float:
+    """Add every view's J^T J and J^T r to the normal equations; return the robust cost."""
+    cost = 0.0
+    J, r = np.zeros((8, 16)), np.zeros(8)
+    for v in range(len(camera)):
+        c, b = camera[v], body[v]
+        _linearise(
+            T_world_camera[c], lens[c], T_world_body[b] if b >= 0 else np.eye(4), b >= 0,
+            corners[v], shift[v], ideal[v], whitener[v], lens_slopes[v], J, r,
+        )  # fmt: skip
+        H, g = J.T @ J, J.T @ r
+        square = (r * r).sum()
+        if b >= 0:
+            square = _marginalised(H, g, square, spread[v])
+        chi2[v] = square
+        weight = 1.0
+        if square > HUBER_CHI2:
+            weight = math.sqrt(HUBER_CHI2 / square)
+            cost += 2.0 * math.sqrt(HUBER_CHI2 * square) - HUBER_CHI2
+        else:
+            cost += square
+        Hcc[c] += weight * H[:CAMERA, :CAMERA]
+        gc[c] += weight * g[:CAMERA]
+        if b >= 0:
+            Hbb[b] += weight * H[CAMERA:, CAMERA:]
+            Hbc[b, :, CAMERA * c : CAMERA * (c + 1)] += weight * H[CAMERA:, :CAMERA]
+            gb[b] += weight * g[CAMERA:]
+    return cost
+
+
+@compiled
+def _linearise(
+    T_world_camera: Array,
+    lens: Array,
+    T_world_body: Array,
+    moves: bool,
+    corners: Array,
+    shift: Array,
+    ideal: Array,
+    whitener: Array,
+    lens_slopes: Array,
+    J: Array,
+    r: Array,
+) -> None:
+    """Fill the (8,) whitened residuals of one tag and their (8, 16) derivative by its camera, lens and body."""
+    by_camera, R = np.zeros((3, 16)), T_world_camera[:3, :3].T
+    turned, away, point = np.zeros(3), np.zeros(3), np.zeros(3)
+    for k in range(4):
+        for i in range(3):
+            turned[i] = 0.0
+            for j in range(3):
+                turned[i] += T_world_body[i, j] * corners[k, j]
+            away[i] = turned[i] + T_world_body[i, 3] + shift[i] - T_world_camera[i, 3]
+        for i in range(3):
+            point[i] = R[i, 0] * away[0] + R[i, 1] * away[1] + R[i, 2] * away[2]
+        depth = max(point[2], _MIN_DEPTH_M)
+        x, y = point[0] / depth, point[1] / depth
+        for i in range(3):
+            # d point = R (d_b + r_b x turned - d_c - r_c x away)
+            for j in range(3):
+                by_camera[i, j] = -R[i, j]
+                by_camera[i, 10 + j] = R[i, j] if moves else 0.0
+            by_camera[i, 3] = R[i, 1] * -away[2] + R[i, 2] * away[1]
+            by_camera[i, 4] = R[i, 0] * away[2] - R[i, 2] * away[0]
+            by_camera[i, 5] = R[i, 1] * away[0] - R[i, 0] * away[1]
+            for j in range(3):
+                by_camera[i, 3 + j] *= -1.0
+            if moves:
+                by_camera[i, 13] = R[i, 1] * -turned[2] + R[i, 2] * turned[1]
+                by_camera[i, 14] = R[i, 0] * turned[2] - R[i, 2] * turned[0]
+                by_camera[i, 15] = R[i, 1] * turned[0] - R[i, 0] * turned[1]
+            else:
+                by_camera[i, 13] = by_camera[i, 14] = by_camera[i, 15] = 0.0
+        for row in range(2):
+            wx, wy = whitener[k, row, 0], whitener[k, row, 1]
+            r[2 * k + row] = wx * (x - ideal[k, 0]) + wy * (y - ideal[k, 1])
+            for j in range(16):
+                dx = (by_camera[0, j] - x * by_camera[2, j]) / depth
+                dy = (by_camera[1, j] - y * by_camera[2, j]) / depth
+                J[2 * k + row, j] = wx * dx + wy * dy
+            for j in range(4):
+                J[2 * k + row, 6 + j] = lens_slopes[k, row, j]
+                r[2 * k + row] += lens_slopes[k, row, j] * lens[j]
+
+
+@compiled
+def _marginalised(H: Array, g: Array, square: float, spread: Array) -> float:
+    """Let the body's pose be another at this view's stamp, by N(0, spread): H, g in place; return the sum of squares.
+
+    With p the body and N = (I + spread Hpp)^-1 spread: H - H_.p N H_p., g - H_.p N g_p, r^T r - g_p^T N g_p.
+    """
+    if np.trace(spread) <= 0.0:
+        return square
+    p = np.ascontiguousarray(H[CAMERA:, :])
+    gp = g[CAMERA:].copy()
+    N = np.linalg.solve(np.eye(6) + spread @ np.ascontiguousarray(H[CAMERA:, CAMERA:]), spread)
+    pN = p.T @ N
+    H -= pN @ p
+    g -= pN @ gp
+    return float(square - gp @ (N @ gp))

@@ -1,0 +1,174 @@
+"""Views of several cameras written out as the arrays that ``geometry.bundle`` solves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from camrig.geometry.arrays import Array, Transform
+from camrig.geometry.bundle import CAMERA, Estimate, Poses, Views
+from camrig.geometry.lens.errors import TYPICAL_SIGMA
+from camrig.geometry.rotation import upright_rotation
+from camrig.locate.fit import residual_limit_px
+from camrig.locate.sightings import UPRIGHT_SIGMA_RAD
+from camrig.locate.tags import SeenTag
+from camrig.locate.views import View
+from camrig.messages import Motion, Seen
+from camrig.rig import Rig
+
+LENS_INFORMATION: Array = np.diag(1.0 / np.square(TYPICAL_SIGMA))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """What is to be adjusted, and who is who: cameras by ``camera_ids``, bodies by ``names``, each with its stamp.
+
+    ``prior_roots`` (c, 10, 10) turns the covariance of anything with a camera's unknowns into the factor by which that
+    camera's prior errors, as unit normal numbers, move it: the transposed inverse of the prior's Cholesky factor, zero
+    where a camera has no prior. ``limit_chi2`` (m,) is what a view's chi2 may be.
+    """
+
+    camera_ids: tuple[str, ...]
+    camera_stamps_s: tuple[float, ...]
+    names: tuple[str, ...]
+    stamps_s: tuple[float, ...]
+    seen: tuple[tuple[Seen, ...], ...]
+    views: Views
+    cameras: Poses
+    lens_information: Array
+    bodies: Poses
+    start: Estimate
+    prior_roots: Array
+    limit_chi2: Array
+
+    def excess(self, chi2: Array) -> Array:
+        """Return by how much (m,) each view exceeds what its chi2 may be; above 1 it is not believed."""
+        return chi2 / self.limit_chi2
+
+    def only(self, kept: npt.NDArray[np.bool_]) -> Problem:
+        """Return the problem with some of its views; what no view is left of is held where it began."""
+        views = self.views.only(kept)
+        return replace(
+            self,
+            views=views,
+            limit_chi2=self.limit_chi2[kept],
+            cameras=_held(self.cameras, views.camera),
+            bodies=_held(self.bodies, views.body),
+        )
+
+
+def _held(known: Poses, seen: npt.NDArray[np.int64]) -> Poses:
+    information = known.information.copy()
+    unseen = np.setdiff1d(np.arange(len(known.T)), seen)
+    information[unseen] = np.maximum(information[unseen], np.eye(6))
+    return Poses(known.T, information)
+
+
+def build(
+    views: Sequence[View], starts: Mapping[str, tuple[float, Transform]], motions: Mapping[str, Motion], rig: Rig
+) -> Problem:
+    """Write out the views; ``starts`` is when and where each body is to be placed, by id."""
+    names = tuple(starts)
+    T_cameras = np.stack([view.found.T_world_camera for view in views])
+    T_bodies = np.stack([T for _, T in starts.values()]) if names else np.zeros((0, 4, 4))
+    cameras, roots = _camera_priors(views)
+    rows = tuple(_rows(views, names, starts, motions))
+    return Problem(
+        camera_ids=tuple(view.camera_id for view in views),
+        camera_stamps_s=tuple(view.stamp_s for view in views),
+        names=names,
+        stamps_s=tuple(stamp_s for stamp_s, _ in starts.values()),
+        seen=tuple(_seen(name, views) for name in names),
+        views=_written(rows),
+        cameras=cameras,
+        lens_information=np.repeat(LENS_INFORMATION[None], len(views), axis=0),
+        bodies=_body_priors([rig.targets[name].motion == "floor" for name in names], T_bodies),
+        start=Estimate(T_cameras, np.zeros((len(views), 4)), T_bodies),
+        prior_roots=roots,
+        limit_chi2=np.array([_limit_chi2(row.tag) for row in rows]),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Row:
+    """One tag in one view, and how its body moved between the body's stamp and the view's."""
+
+    camera: int
+    body: int
+    tag: SeenTag
+    shift_m: Array
+    spread: Array
+
+
+def _rows(
+    views: Sequence[View],
+    names: tuple[str, ...],
+    starts: Mapping[str, tuple[float, Transform]],
+    motions: Mapping[str, Motion],
+) -> Iterator[_Row]:
+    for c, view in enumerate(views):
+        for anchor in view.anchors:
+            yield _Row(c, -1, anchor, np.zeros(3), np.zeros((6, 6)))
+        for seen in view.bodies:
+            name = seen.body.id
+            if name not in starts:
+                continue
+            dt_s = view.stamp_s - starts[name][0]
+            shift_m = motions[name].velocity_m_s * dt_s
+            for tag in seen.tags:
+                yield _Row(c, names.index(name), tag, shift_m, motions[name].spread(dt_s))
+
+
+def _written(rows: Sequence[_Row]) -> Views:
+    tags = [row.tag for row in rows]
+    return Views(
+        camera=np.array([row.camera for row in rows], dtype=np.int64),
+        body=np.array([row.body for row in rows], dtype=np.int64),
+        corners_m=np.array([tag.corners_m for tag in tags]).reshape(-1, 4, 3),
+        shift_m=np.array([row.shift_m for row in rows]).reshape(-1, 3),
+        spread=np.array([row.spread for row in rows]).reshape(-1, 6, 6),
+        ideal=np.array([tag.points.ideal for tag in tags]).reshape(-1, 4, 2),
+        whitener=np.array([tag.points.whitener for tag in tags]).reshape(-1, 4, 2, 2),
+        lens_slopes=np.array([tag.lens_slopes for tag in tags]).reshape(-1, 4, 2, 4),
+    )
+
+
+def _camera_priors(views: Sequence[View]) -> tuple[Poses, Array]:
+    """Return what carriers say of their cameras, and ``Problem.prior_roots``."""
+    T = np.stack([(view.carried or view.found).T_world_camera for view in views])
+    information, roots = np.zeros((len(views), 6, 6)), np.zeros((len(views), CAMERA, CAMERA))
+    for c, view in enumerate(views):
+        if view.carried is not None:
+            root = np.linalg.inv(np.linalg.cholesky(view.carried.covariance))
+            information[c], roots[c, :6, :6] = root.T @ root, root.T
+    roots[:, 6:, 6:] = np.diag(1.0 / np.asarray(TYPICAL_SIGMA))
+    return Poses(T, information), roots
+
+
+def _body_priors(on_floor: Sequence[bool], T_bodies: Array) -> Poses:
+    """Return that bodies on the floor stand upright; where they start tells nothing."""
+    upright = np.diag([0.0, 0.0, 0.0, UPRIGHT_SIGMA_RAD**-2, UPRIGHT_SIGMA_RAD**-2, 0.0])
+    information = np.zeros((len(T_bodies), 6, 6))
+    stood_up = T_bodies.copy()
+    for b, floor in enumerate(on_floor):
+        if floor:
+            information[b] = upright
+            stood_up[b, :3, :3] = upright_rotation(T_bodies[b, :3, :3])
+    return Poses(stood_up, information)
+
+
+def _seen(name: str, views: Sequence[View]) -> tuple[Seen, ...]:
+    return tuple(
+        Seen(view.camera_id, view.stamp_s, sighting.quality_m)
+        for view in views
+        for sighting in view.sightings
+        if sighting.target_id == name
+    )
+
+
+def _limit_chi2(tag: SeenTag) -> float:
+    """Return above which chi2 a view is not believed: its root mean square residual is then past the limit."""
+    return 4.0 * (residual_limit_px(tag.width_px) / float(tag.points.sigma_px[0])) ** 2
