@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -29,21 +30,28 @@ class MotionModel:
 
     def step(self, dt_s: float) -> tuple[Array, Array]:
         """Return the (6, 6) transition and process noise over ``dt_s`` >= 0 for [position, velocity]."""
-        a = dt_s / self.memory_s
-        keep = np.exp(-a)
-        carry = -self.memory_s * np.expm1(-a)
-        variance = np.square(self.velocity_sigma_m_s)
-        F = np.eye(6)
-        F[:3, 3:] = carry * np.eye(3)
-        F[3:, 3:] = keep * np.eye(3)
-        Q = np.zeros((6, 6))
-        # 2a - 3 + 4 e^-a - e^-2a; its series where the terms cancel
-        spread = 2.0 * a**3 / 3.0 * (1.0 - 0.75 * a) if a < 1e-3 else 2.0 * a - 3.0 + 4.0 * keep - keep * keep
-        axes = np.arange(3)
-        Q[axes, axes] = variance * self.memory_s**2 * spread + np.multiply(self.walk_m2_s, dt_s)
-        Q[axes, axes + 3] = Q[axes + 3, axes] = variance * carry**2 / self.memory_s
-        Q[axes + 3, axes + 3] = -variance * np.expm1(-2.0 * a)
-        return F, Q
+        return _step(self, dt_s)
+
+
+@lru_cache(maxsize=64)
+def _step(model: MotionModel, dt_s: float) -> tuple[Array, Array]:
+    """Return them; all targets of one frame ask for the same."""
+    a = dt_s / model.memory_s
+    keep = np.exp(-a)
+    carry = -model.memory_s * np.expm1(-a)
+    variance = np.square(model.velocity_sigma_m_s)
+    F = np.eye(6)
+    F[:3, 3:] = carry * np.eye(3)
+    F[3:, 3:] = keep * np.eye(3)
+    Q = np.zeros((6, 6))
+    # 2a - 3 + 4 e^-a - e^-2a; its series where the terms cancel
+    spread = 2.0 * a**3 / 3.0 * (1.0 - 0.75 * a) if a < 1e-3 else 2.0 * a - 3.0 + 4.0 * keep - keep * keep
+    axes = np.arange(3)
+    Q[axes, axes] = variance * model.memory_s**2 * spread + np.multiply(model.walk_m2_s, dt_s)
+    Q[axes, axes + 3] = Q[axes + 3, axes] = variance * carry**2 / model.memory_s
+    Q[axes + 3, axes + 3] = -variance * np.expm1(-2.0 * a)
+    F.flags.writeable = Q.flags.writeable = False
+    return F, Q
 
 
 FLOOR = MotionModel((0.3, 0.3, 0.0), (0.0, 0.0, 1e-6), 0.5)

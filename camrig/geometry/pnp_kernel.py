@@ -1,4 +1,4 @@
-"""The inner loop of ``geometry.pnp.refine``, as machine code: it runs for every tag of every frame."""
+"""The inner loops of fits of poses, as machine code: they run for every tag of every frame."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def refine_stack(
                 there[i, i] *= 1.0 + damping
             step[:] = -np.linalg.solve(there, g)
             gain = -(step * g).sum()
-            _moved(T[k], step, moved)
+            move(T[k], step, moved)
             chi2_there = _normal(moved, points[k], ideal[k], whitener[k], T_prior[k], information[k], there, g_there)
             if chi2_there <= chi2[k]:
                 T[k], H[k], g[:], chi2[k] = moved, there, g_there, chi2_there
@@ -103,7 +103,25 @@ def _prior(T: Array, T_prior: Array, information: Array, H: Array, g: Array) -> 
 
 
 @compiled
-def _moved(T: Array, step: Array, moved: Array) -> None:
+def move_stack(T: Array, step: Array) -> Array:
+    """Apply (m, 6) pose errors to (m, 4, 4) poses: geometry.pose.perturb for a stack."""
+    moved = np.zeros(T.shape)
+    for k in range(len(T)):
+        move(T[k], step[k], moved[k])
+    return moved
+
+
+@compiled
+def add_priors(T: Array, T_prior: Array, information: Array, H: Array, g: Array) -> float:
+    """Add what is known of (m, 4, 4) poses beforehand to their (m, >= 6, >= 6) normal matrices and gradients."""
+    total = 0.0
+    for k in range(len(T)):
+        total += _prior(T[k], T_prior[k], information[k], H[k, :6, :6], g[k, :6])
+    return total
+
+
+@compiled
+def move(T: Array, step: Array, moved: Array) -> None:
     """Fill ``moved`` with a pose after a (6,) pose error (geometry.pose.perturb)."""
     x, y, z = step[3], step[4], step[5]
     angle = math.sqrt(x * x + y * y + z * z)

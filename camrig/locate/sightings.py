@@ -79,7 +79,14 @@ def solve(bodies: Sequence[SeenBody], camera: CameraPose, lens: Lens) -> tuple[t
 
 
 def _starts(seen: SeenBody, camera: CameraPose) -> list[Transform]:
-    """Return the best ``T_camera_body`` of both solutions of every tag, and the next best where it may be the one."""
+    """Return the best ``T_camera_body`` of both solutions of every tag, and the next best where it may be the one.
+
+    Where a floor body is believed to be will do, if its corners are near there: it cannot be turned over.
+    """
+    if seen.T_world_body is not None and seen.body.motion == "floor":
+        expected = invert(camera.T_world_camera) @ seen.T_world_body
+        if _near(seen, expected):
+            return [expected]
     found = [
         square.T_camera_tag @ invert(tag.owner.T_owner_tag)
         for tag in seen.tags
@@ -96,6 +103,18 @@ def _starts(seen: SeenBody, camera: CameraPose) -> list[Transform]:
     hopeless = _HOPELESS * max(float(chi2[best]), NOISE_CHI2)
     rivals = (k for k in others if chi2[k] < hopeless and angle_between(found[k], found[best]) > SAME_RAD)
     return [found[best], *(found[k] for k in islice(rivals, 1))]
+
+
+def _near(seen: SeenBody, T_camera_body: Transform) -> bool:
+    """Tell whether all corners lie within half a tag of where this pose has them: a fit from there finds them."""
+    for tag in seen.tags:
+        corners = apply(T_camera_body, tag.corners_m)
+        if corners[:, 2].min() <= 0.0:
+            return False
+        off = (tag.points.px_per_ideal @ (corners[:, :2] / corners[:, 2:] - tag.points.ideal)[..., None])[..., 0]
+        if float(np.abs(off).max()) > 0.5 * tag.width_px:
+            return False
+    return True
 
 
 def _points(tags: Sequence[SeenTag]) -> tuple[Array, Array, Array]:

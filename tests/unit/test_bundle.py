@@ -13,7 +13,7 @@ from camrig.geometry.arrays import Array
 from camrig.geometry.bundle import Estimate, adjust
 from camrig.geometry.lens import BrownLens, FisheyeLens
 from camrig.geometry.lens.errors import error_slopes
-from camrig.geometry.pnp import perturb_stack
+from camrig.geometry.pnp_kernel import move_stack
 from camrig.locate.joint_problem import Problem, build
 from camrig.messages import Motion
 from tests.watched_floor import Errors, Floor
@@ -35,9 +35,7 @@ def normal_at(of: Problem, at: Estimate) -> bundle._Normal:
 
 
 def moved(at: Estimate, cameras: Array, bodies: Array) -> Estimate:
-    return Estimate(
-        perturb_stack(at.cameras, cameras[:, :6]), at.lenses + cameras[:, 6:], perturb_stack(at.bodies, bodies)
-    )
+    return Estimate(move_stack(at.cameras, cameras[:, :6]), at.lenses + cameras[:, 6:], move_stack(at.bodies, bodies))
 
 
 @pytest.mark.parametrize("spread_s", [0.0, 0.1])
