@@ -2,14 +2,16 @@
 
 A fix's error is ``white + bias``: C, the part of the corner noise that is new in every fix, and what is the same for
 many: L_s z_s for every source s, with unit normal z_s and the factor L_s. Sources are the cameras (their poses and
-lenses) and the corner noise that repeats. Gains K are those of an ordinary filter with R = C + sum_s L_s L_s^T. What
-the estimate is worth follows from these gains (a *consider* covariance): with A = I - K H,
+lenses) and the corner noise that repeats. The estimate's error is carried as the same two parts, of covariance W and
+with sensitivities S_s; with D_s = L_s - H S_s, the part of z_s that a fix does not share with the estimate,
 
-    W   <- A W A^T + K C K^T            what noise and motion leave
-    S_s <- A S_s + K L_s                how far the error of source s moves the estimate
+    K   = (W H^T - sum_s S_s D_s^T) (H W H^T + C + sum_s D_s D_s^T)^-1       (and some doubt: CHANGING)
+    W   <- (I - K H) W (I - K H)^T + K C K^T          what noise and motion leave
+    S_s <- S_s + K D_s                                how far the error of source s moves the estimate
     published = W + sum_s S_s S_s^T
 
-which is exact for errors that stay and are independent between sources, however many fixes went in.
+which is exact for errors that stay and are independent between sources, however many fixes went in, and K the gain of
+least variance (Schmidt-Kalman): what a fix and the estimate are both off by does not make the filter slow.
 """
 
 from __future__ import annotations
@@ -23,25 +25,31 @@ from camrig.geometry.arrays import Array
 from camrig.geometry.rotation import rotation_exp, rotation_log
 from camrig.messages import Fix, Seen
 
+CHANGING = 0.1
+"""The part of what cameras add that gains count on as new in every fix, though it stays: heads and drones move, and an
+error taken for quite the same would be solved for from how differently it shows in two fixes.
+"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
     """What is known of one target at ``stamp_s``, the stamp of the last fix in it.
 
-    ``mean`` (6,) is [position, velocity]; ``covariance`` (6, 6) the one gains are computed from; ``white`` (6, 6) and
-    ``sensitivity`` (k, 6, 10), by ``sources`` (k), the parts of the published one. When each camera last saw it, and
+    ``mean`` (6,) is [position, velocity]; ``white`` (6, 6) and
+    ``sensitivity`` (k, 6, 10), by ``sources`` (k), the parts of its covariance; ``weighed`` (6, 6) is what the
+    paper's weightings take for that. When each camera last saw it, and
     with which of the paper's Q, is kept beside them.
     """
 
     stamp_s: float
     mean: Array
-    covariance: Array
     white: Array
     sensitivity: Array
     sources: tuple[str, ...]
     seen: tuple[Seen, ...]
     R_world_body: Array
     turn_variance: float
+    weighed: Array
 
     @property
     def published(self) -> Array:
@@ -52,21 +60,21 @@ class Belief:
 def begin(fix: Fix, model: MotionModel, repeating: float) -> Belief:
     """Start from one fix, at any velocity the motion allows; ``repeating`` is that part of its corner noise."""
     C, sources, factors = _parts(fix, repeating)
-    covariance, white = np.zeros((6, 6)), np.zeros((6, 6))
-    covariance[3:, 3:] = white[3:, 3:] = np.diag(np.square(model.velocity_sigma_m_s))
-    covariance[:3, :3], white[:3, :3] = fix.whole[:3, :3], C
+    weighed, white = np.zeros((6, 6)), np.zeros((6, 6))
+    weighed[3:, 3:] = white[3:, 3:] = np.diag(np.square(model.velocity_sigma_m_s))
+    weighed[:3, :3], white[:3, :3] = fix.whole[:3, :3], C
     sensitivity = np.zeros((len(sources), 6, factors.shape[2]))
     sensitivity[:, :3] = factors
     return Belief(
         stamp_s=fix.stamp_s,
         mean=np.concatenate([fix.T_world_body[:3, 3], np.zeros(3)]),
-        covariance=covariance,
         white=white,
         sensitivity=sensitivity,
         sources=sources,
         seen=fix.seen,
         R_world_body=fix.T_world_body[:3, :3],
         turn_variance=_turn_variance(fix),
+        weighed=weighed,
     )
 
 
@@ -80,7 +88,7 @@ def predict(belief: Belief, stamp_s: float, model: MotionModel) -> Belief:
         belief,
         stamp_s=stamp_s,
         mean=F @ belief.mean,
-        covariance=F @ belief.covariance @ F.T + Q,
+        weighed=F @ belief.weighed @ F.T + Q,
         white=F @ belief.white @ F.T + Q,
         sensitivity=F @ belief.sensitivity,
         turn_variance=belief.turn_variance + model.turn_rad2_s * dt_s,
@@ -94,24 +102,32 @@ def distance(belief: Belief, fix: Fix) -> float:
     return float(innovation @ np.linalg.solve(S, innovation))
 
 
-def update(belief: Belief, fix: Fix, R: Array, repeating: float) -> Belief:
-    """Take in a fix at the belief's stamp; weighed by ``R`` (3, 3); ``repeating`` as in ``begin``."""
+def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float) -> Belief:
+    """Take in a fix at the belief's stamp, as well as can be or, where ``weight`` (3, 3) is given, as if that were the
+    covariance of its error and nothing stayed the same; ``repeating`` as in ``begin``.
+    """
     C, names, factors = _parts(fix, repeating)
-    PHt = belief.covariance[:, :3]
-    K = np.linalg.solve(PHt[:3] + R, PHt.T).T
+    sources = (*belief.sources, *(name for name in names if name not in belief.sources))
+    S = np.zeros((len(sources), 6, factors.shape[2]))
+    S[: len(belief.sources)] = belief.sensitivity
+    D = -S[:, :3]
+    D[[sources.index(name) for name in names]] += factors
+    if weight is None:
+        across = belief.white[:, :3] - (S @ D.swapaxes(1, 2)).sum(axis=0)
+        doubt = CHANGING * (factors @ factors.swapaxes(1, 2)).sum(axis=0)
+        spread = belief.white[:3, :3] + C + (D @ D.swapaxes(1, 2)).sum(axis=0) + doubt
+    else:
+        across, spread = belief.weighed[:, :3], belief.weighed[:3, :3] + weight
+    K = np.linalg.solve(spread, across.T).T
     A = np.eye(6)
     A[:, :3] -= K
-    sources = (*belief.sources, *(name for name in names if name not in belief.sources))
-    sensitivity = np.zeros((len(sources), 6, factors.shape[2]))
-    sensitivity[: len(belief.sources)] = A @ belief.sensitivity
-    sensitivity[[sources.index(name) for name in names]] += K @ factors
     R_world_body, turn_variance = _turned(belief, fix)
     return replace(
         belief,
         mean=belief.mean + K @ (fix.T_world_body[:3, 3] - belief.mean[:3]),
-        covariance=A @ belief.covariance @ A.T + K @ R @ K.T,
+        weighed=belief.weighed if weight is None else A @ belief.weighed @ A.T + K @ weight @ K.T,
         white=A @ belief.white @ A.T + K @ C @ K.T,
-        sensitivity=sensitivity,
+        sensitivity=S + K @ D,
         sources=sources,
         seen=_latest(belief.seen, fix.seen),
         R_world_body=R_world_body,
@@ -124,11 +140,11 @@ def _parts(fix: Fix, repeating: float) -> tuple[Array, tuple[str, ...], Array]:
 
     Corner noise that repeats is a source of its own for every set of cameras whose corners went in.
     """
-    corners = fix.covariance[:3, :3]
-    own = np.zeros((1, 3, fix.factors.shape[2]))
+    corners, factors = fix.covariance[:3, :3], fix.factors[:, :3]
+    own = np.zeros((1, 3, factors.shape[2]))
     own[0, :, :3] = np.sqrt(repeating) * np.linalg.cholesky(corners)
     name = "corners of " + " ".join(sorted(each.camera_id for each in fix.seen))
-    return (1.0 - repeating) * corners, (*fix.sources, name), np.concatenate([fix.factors[:, :3], own])
+    return (1.0 - repeating) * corners, (*fix.sources, name), np.concatenate([factors, own])
 
 
 def _latest(before: tuple[Seen, ...], now: tuple[Seen, ...]) -> tuple[Seen, ...]:

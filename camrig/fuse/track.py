@@ -105,11 +105,11 @@ def _doubted(state: State, fix: Fix, model: MotionModel, settings: Settings) -> 
     return State(rival, confirmed=True, restarts=state.restarts + 1)
 
 
-def _weight(fix: Fix, settings: Settings) -> Array:
-    """Return the (3, 3) R by which a fix is weighed."""
+def _weight(fix: Fix, settings: Settings) -> Array | None:
+    """Return the (3, 3) covariance that a fix is taken to have, None where its own."""
     match settings.estimator:
         case "quality":
             return fix.seen[0].quality_m ** 2 * np.eye(3)
         case "mean":
             return settings.equal_sigma_m**2 * np.eye(3)
-    return np.asarray(fix.whole[:3, :3])
+    return None

@@ -129,7 +129,7 @@ def test_a_static_targets_covariance_is_what_sampling_shows_with_biased_cameras_
         spread.append(math.sqrt(np.trace(found.covariance_m2)))
         state = tracks.by_id["t"].state.belief
         assert state is not None
-        naive.append(math.sqrt(np.trace(state.covariance[:3, :3])))
+        naive.append(math.sqrt(np.trace(state.white[:3, :3])))
     assert within_chance(values, 3)
     if bias_sigma_m and estimator == "joint":
         assert np.mean(spread) > 1.5 * np.mean(naive)  # what a filter that takes bias for noise would claim
