@@ -17,6 +17,7 @@ from hypothesis import settings
 
 import camrig
 from camrig.geometry.jit import forget_outdated
+from tests.kernels import COMPILE
 
 # No example is judged by the clock: the first may compile a kernel, and the machine is shared. Exploration is for
 # people: where a run decides whether a change lands, every run draws the same examples.
@@ -25,8 +26,6 @@ settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "camrig")
 
 _GRACE_S = 2.0
-
-_COMPILE = "from camrig.optimise import PlannerSettings, warm_up; warm_up(PlannerSettings(visibility='image'))"
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -37,7 +36,7 @@ def pytest_configure(config: pytest.Config) -> None:
     package = Path(camrig.__file__).parent
     if config.getoption("numprocesses", None) and not any(package.rglob("__pycache__/*.nbi")):
         # Once, before the workers: each would compile all of it, and daemons under test wait for a plan meanwhile.
-        subprocess.run([sys.executable, "-c", _COMPILE], check=True)
+        subprocess.run([sys.executable, "-c", COMPILE], check=True)
 
 
 def _threads() -> set[str]:

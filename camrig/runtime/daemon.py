@@ -31,6 +31,8 @@ from camrig.runtime.worker import Job, Worker, log_failure
 
 log = logging.getLogger(__name__)
 
+COMPILING_S = 600.0
+"""Three quarters of a minute on a desktop computer; a small one may take ten times as long."""
 BEAT_LIMIT_S = 15.0
 """A worker silent for longer is stuck: the watchdog is no longer fed. Opening a drone's link may take 10 s."""
 JOIN_S = 5.0
@@ -78,6 +80,7 @@ class Daemon:
             raise
 
     def _start(self) -> None:
+        self.notifier.starting("loading machine code; compiled once after an installation", COMPILING_S)
         locate.warm_up()  # before anything is open: no thread must be silent for so long
         if self.config.refine:
             warm_up()

@@ -14,6 +14,10 @@ class Notifier:
         address = os.environ.get("NOTIFY_SOCKET", "") if address is None else address
         self._address = "\0" + address[1:] if address.startswith("@") else address
 
+    def starting(self, text: str, at_most_s: float) -> None:
+        """Say what start-up is busy with, and that it may take so long from now on."""
+        self._send(f"STATUS={text}\nEXTEND_TIMEOUT_USEC={round(1e6 * at_most_s)}")
+
     def ready(self) -> None:
         """Say that start-up is complete."""
         self._send("READY=1")

@@ -177,6 +177,7 @@ def test_the_watchdog_is_fed_only_while_every_thread_beats(config: RigConfig, tm
         daemon.start()
         main = supervising(daemon)
         try:
+            assert supervisor.recv(1024).startswith(b"STATUS=loading machine code")
             assert supervisor.recv(1024) == b"READY=1"
             assert _told(supervisor, turns=1) == ["alive"]
             gate.clear()

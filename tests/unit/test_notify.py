@@ -21,13 +21,20 @@ def supervisor(tmp_path: Path) -> Iterator[socket.socket]:
 
 
 def _everything(notifier: Notifier) -> None:
+    notifier.starting("compiling", 90.0)
     notifier.ready()
     notifier.status("tracking: 2 of 3 targets")
     notifier.alive()
     notifier.stopping()
 
 
-EVERYTHING = [b"READY=1", b"STATUS=tracking: 2 of 3 targets", b"WATCHDOG=1", b"STOPPING=1"]
+EVERYTHING = [
+    b"STATUS=compiling\nEXTEND_TIMEOUT_USEC=90000000",
+    b"READY=1",
+    b"STATUS=tracking: 2 of 3 targets",
+    b"WATCHDOG=1",
+    b"STOPPING=1",
+]
 
 
 def test_every_message_is_a_datagram_of_its_own(supervisor: socket.socket) -> None:

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from camrig.geometry.jit import KERNELS
+from tests.kernels import COMPILE
 from tests.vm.image import CACHE
 
 SHARE = CACHE / "camrig"
@@ -53,8 +54,8 @@ def deploy() -> None:
         for kept in _SITE.rglob("__pycache__/*.nb?"):
             kept.unlink()
     if not next(_SITE.rglob("__pycache__/*.nbc"), None):
-        print("compiling the planner's kernels for the VM: some minutes", flush=True)
-    _run("from camrig.optimise import PlannerSettings, warm_up; warm_up(PlannerSettings(visibility='image'))")
+        print("compiling the kernels for the VM: some minutes", flush=True)
+    _run(COMPILE)
     _lay_out_kernels()
     _run("import compileall, sys; compileall.compile_dir(sys.path[0], quiet=2)")
 
