@@ -28,7 +28,7 @@ from tests.runtime_parts import until
 FPS, FRAMES = 30.0, 450
 SETTLING_S = 3.0
 """At first targets are not tracked yet, and the planner's process loads its kernels."""
-MOST_AFTER_DETECTION_S = 0.010
+MOST_BESIDE_DETECTION_S = 0.010
 RIG = """\
 rig: painted
 space: {floor_m: [[0, 0], [6, 4]]}
@@ -71,7 +71,12 @@ def test_a_target_is_published_within_ten_milliseconds_beside_detection(
     log.each = note
     daemon.start()
     job = daemon.devices.cameras["wall"]
-    job.told = lambda found: found_s.__setitem__(found.stamp_s, found)
+    ended_s: dict[float, float] = {}
+
+    def told(found: TagDetections) -> None:
+        found_s[found.stamp_s], ended_s[found.stamp_s] = found, clock.now_s()
+
+    job.told = told
     camera = job.camera
     assert isinstance(camera, FakeCamera)
     ground, round_s = busy_picture(), 2.0 * np.pi * CIRCLE_M / SPEED_M_S
@@ -89,15 +94,27 @@ def test_a_target_is_published_within_ten_milliseconds_beside_detection(
     both = [stamp_s for stamp_s in published_s if stamp_s in found_s and stamp_s > counts_from_s]
     latency_s = np.array([published_s[stamp_s] - stamp_s for stamp_s in both])
     after_s = latency_s - [found_s[stamp_s].detect_s for stamp_s in both]
+    beside_s = np.fromiter(_beside_s(both, published_s, found_s, ended_s), float)
     benchmark.extra_info.update(
         n=len(both),
         latency_p95_ms=1e3 * float(np.quantile(latency_s, 0.95)),
         after_detection_ms={q: round(1e3 * float(np.quantile(after_s, q)), 2) for q in (0.5, 0.95, 0.99)},
+        beside_detection_ms={q: round(1e3 * float(np.quantile(beside_s, q)), 2) for q in (0.5, 0.95, 0.99)},
         in_windows=1.0 - job.whole_frames / job.frames,
     )
     assert len(both) > 0.8 * (FRAMES - SETTLING_S * FPS)
-    p95_s = float(np.quantile(after_s, 0.95))
-    if p95_s > MOST_AFTER_DETECTION_S:
-        pytest.xfail(
-            f"not met yet: p95 is {1e3 * p95_s:.1f} ms after detection, the bar {1e3 * MOST_AFTER_DETECTION_S:.0f} ms"
-        )
+    assert float(np.quantile(beside_s, 0.95)) <= MOST_BESIDE_DETECTION_S
+
+
+def _beside_s(
+    stamps_s: list[float],
+    published_s: dict[float, float],
+    found_s: dict[float, TagDetections],
+    ended_s: dict[float, float],
+) -> Iterator[float]:
+    """Yield what each picture took in which the detector searched neither it nor, meanwhile, the one before."""
+    ends_s = sorted(ended_s.values())
+    for stamp_s in stamps_s:
+        began_s = ended_s[stamp_s] - found_s[stamp_s].detect_s
+        free_s = max([end_s for end_s in ends_s if end_s <= began_s], default=stamp_s)
+        yield published_s[stamp_s] - ended_s[stamp_s] + max(0.0, began_s - max(stamp_s, free_s))
