@@ -80,6 +80,20 @@ def test_after_the_scan_targets_are_covered_and_accurate(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+def test_no_published_position_is_further_off_than_five_sigma(seed: int) -> None:
+    """Heads point a tenth of a degree wrong (one sigma), everything moves: the truth stays within what was published."""
+    values = []
+    for tick in after_scan(watched(seed)):
+        for target in tick.outputs.published.targets:
+            if target.status is TargetStatus.TRACKED:
+                error_m = target.position_m - tick.truth[target.id][:3, 3]
+                values.append(float(error_m @ np.linalg.solve(target.covariance_m2, error_m)))
+    assert len(values) > 4000
+    assert max(values) < 25.0
+    assert 0.3 < np.mean(values) < 3.0  # cautious: robots turn, and what they will do is not known
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_nothing_is_commanded_outside_limits_and_boxes(seed: int) -> None:
     simulation = watched(seed)
     commands = [command for tick in simulation.ticks for command in tick.outputs.commands]
