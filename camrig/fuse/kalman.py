@@ -138,12 +138,12 @@ def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float) -> 
 def _parts(fix: Fix, repeating: float) -> tuple[Array, tuple[str, ...], Array]:
     """Return the white covariance (3, 3) of a fix's position, its sources and their (k, 3, p) factors.
 
-    Corner noise that repeats is a source of its own for every set of cameras whose corners went in.
+    Corner noise that repeats is a source of its own: each camera's, and one of all that were estimated together.
     """
     corners, factors = fix.covariance[:3, :3], fix.factors[:, :3]
     own = np.zeros((1, 3, factors.shape[2]))
     own[0, :, :3] = np.sqrt(repeating) * np.linalg.cholesky(corners)
-    name = "corners of " + " ".join(sorted(each.camera_id for each in fix.seen))
+    name = f"corners of {fix.seen[0].camera_id}" if len(fix.seen) == 1 else "corners"
     return (1.0 - repeating) * corners, (*fix.sources, name), np.concatenate([factors, own])
 
 

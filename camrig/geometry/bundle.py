@@ -79,14 +79,16 @@ class Estimate:
 class Adjusted:
     """The most probable estimate; ``chi2`` (m,) of each view at it.
 
-    ``camera_covariance`` is (c, 10, c, 10); ``body_covariance`` (b, 6, 6) is the whole; ``sensitivity`` (b, 6, c, 10)
-    is the covariance of bodies with cameras, by which the cameras' priors enter.
+    ``camera_covariance`` is (c, 10, c, 10); ``body_covariance`` (b, 6, 6) is the whole, ``body_alone``
+    (b, 6, 6) what it would be were the cameras known; ``sensitivity`` (b, 6, c, 10) is the covariance of bodies with
+    cameras, by which the cameras' priors enter.
     """
 
     estimate: Estimate
     chi2: Array
     camera_covariance: Array
     body_covariance: Array
+    body_alone: Array
     sensitivity: Array
 
 
@@ -113,7 +115,7 @@ def adjust(views: Views, cameras: Poses, lens_information: Array, bodies: Poses,
     for _ in range(_STEPS):
         camera_step, body_step = _step(normal, damping)
         moved = Estimate(
-            move_stack(at.cameras, camera_step[:, :6]),
+            move_stack(at.cameras, np.ascontiguousarray(camera_step[:, :6])),
             at.lenses + camera_step[:, 6:],
             move_stack(at.bodies, body_step),
         )
@@ -175,7 +177,14 @@ def _with_covariance(at: Estimate, normal: _Normal) -> Adjusted:
     P = 0.5 * (P + P.T)
     across = -(Y @ P)
     whole = body_inverse - across @ Y.swapaxes(1, 2)
-    return Adjusted(at, normal.chi2, P.reshape(c, CAMERA, c, CAMERA), whole, across.reshape(len(across), 6, c, CAMERA))
+    return Adjusted(
+        estimate=at,
+        chi2=normal.chi2,
+        camera_covariance=P.reshape(c, CAMERA, c, CAMERA),
+        body_covariance=whole,
+        body_alone=body_inverse,
+        sensitivity=across.reshape(len(across), 6, c, CAMERA),
+    )
 
 
 @compiled

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from camrig.geometry.arrays import Transform
+from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.bundle import Adjusted, Estimate, Poses, Views, adjust
 from camrig.geometry.pnp import refine
 from camrig.geometry.pose import transform
@@ -56,21 +56,22 @@ def joint(fresh: Sequence[View], others: Sequence[View], motions: Mapping[str, M
         _fix(problem, b, found) for b, name in enumerate(problem.names) if name in fresh_bodies and b not in spoilt
     ]
     notes = [_contradiction(problem, b) for b in sorted(spoilt)]
-    poses = [_camera_pose(problem, c, found) for c in range(len(fresh))]
+    poses = [_camera_pose(problem, c, found) for c in range(len(fresh)) if problem.placed(c)]
     return Together(tuple(fixes), tuple(poses), tuple(notes))
 
 
 def _start(stamp_s: float, seen: Sequence[Sighting], motion: Motion, body: Body) -> Transform:
-    """Return where to begin with a body: where its track is, else where the best view puts it; turned, where it may be
-    turned over, as most views agree.
+    """Return where to begin with a body: where the best view puts it, which needs no track that may be wrong; turned,
+    where it may be turned over, as its track and most views agree.
     """
-    best = min(seen, key=lambda each: float(np.trace(each.covariance[:3, :3])))
+    best = min(seen, key=lambda each: float(np.trace(each.covariance[:3, :3] + each.camera_covariance[:3, :3])))
     T = best.T_world_body
-    if motion.T_world_body is not None:
-        T = transform(motion.T_world_body[:3, :3], motion.T_world_body[:3, 3] + motion.shift_m(stamp_s))
+    T = transform(T[:3, :3], T[:3, 3] + motion.velocity_m_s * (stamp_s - best.stamp_s))
     if body.motion == "floor" or sum(_disagreement(T, each) for each in seen) < _CONTRADICTION:
         return T
-    poses = [*(each.T_world_body for each in seen), T]
+    poses = [each.T_world_body for each in seen]
+    if motion.T_world_body is not None:
+        poses.append(motion.T_world_body)
     turned = min(poses, key=lambda T: sum(_disagreement(T, each) for each in seen))
     return transform(turned[:3, :3], T[:3, 3])
 
@@ -98,6 +99,7 @@ def _solve(problem: Problem) -> tuple[Adjusted, Problem, frozenset[int]]:
             spoilt |= {b}
             left &= problem.views.body != b
         problem = problem.only(left)
+        spoilt |= problem.unseen()
         found = adjust(problem.views, problem.cameras, problem.lens_information, problem.bodies, found.estimate)
     return found, problem, spoilt
 
@@ -105,18 +107,27 @@ def _solve(problem: Problem) -> tuple[Adjusted, Problem, frozenset[int]]:
 def _fix(problem: Problem, b: int, found: Adjusted) -> Fix:
     """Return where a body is, with what the corners and what each camera's errors make uncertain apart."""
     factors = found.sensitivity[b].transpose(1, 0, 2) @ problem.prior_roots
-    covariance = found.body_covariance[b] - (factors @ factors.swapaxes(1, 2)).sum(axis=0)
+    alone = found.body_alone[b]
+    # The rest is what the corners leave of the cameras' poses: a small difference where a prior is weak.
+    rest = found.body_covariance[b] - alone - (factors @ factors.swapaxes(1, 2)).sum(axis=0)
     own = problem.views.body == b
     freedoms = max(8 * int(own.sum()) - 4, 4)
+    cameras = {problem.camera_ids[c] for c in problem.views.camera[own]}
     return Fix(
         target_id=problem.names[b],
         stamp_s=problem.stamps_s[b],
         T_world_body=found.estimate.bodies[b],
-        covariance=covariance * inflation(float(found.chi2[own].sum()), freedoms),
+        covariance=(alone + _positive(rest)) * inflation(float(found.chi2[own].sum()), freedoms),
         sources=problem.camera_ids,
         factors=factors,
-        seen=problem.seen[b],
+        seen=tuple(each for each in problem.seen[b] if each.camera_id in cameras),
     )
+
+
+def _positive(covariance: Array) -> Array:
+    """Return a symmetric matrix without its negative eigenvalues, which rounding leaves."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def _camera_pose(problem: Problem, c: int, found: Adjusted) -> CameraPose:
@@ -125,13 +136,14 @@ def _camera_pose(problem: Problem, c: int, found: Adjusted) -> CameraPose:
 
 
 def _contradiction(problem: Problem, b: int) -> Event:
-    cameras = ", ".join(each.camera_id for each in problem.seen[b])
-    text = f"{cameras} contradict each other on it: a tag's size or place, or a calibration, is wrong; not used"
+    cameras = sorted(each.camera_id for each in problem.seen[b])
+    says = "contradict each other on it" if len(cameras) > 1 else "cannot have it where its other tags and anchors are"
+    text = f"{', '.join(cameras)} {says}: a tag's size or place, or a calibration, is wrong; not used"
     return Event(problem.stamps_s[b], Level.WARNING, problem.names[b], text)
 
 
 def warm_up() -> None:
-    """Load the machine code of the estimate, or compile it: some ten seconds, once after an installation."""
+    """Load the machine code of the estimate, or compile it: half a minute, once after an installation."""
     square, eye = np.array([[[0.0, 0.0, 2.0], [0.1, 0.0, 2.0], [0.1, 0.1, 2.0], [0.0, 0.1, 2.0]]]), np.eye(4)[None]
     ideal, whitener = square[..., :2] / 2.0, np.tile(np.eye(2), (1, 4, 1, 1))
     refine(eye, square, ideal, whitener)

@@ -49,7 +49,10 @@ class Problem:
         return chi2 / self.limit_chi2
 
     def only(self, kept: npt.NDArray[np.bool_]) -> Problem:
-        """Return the problem with some of its views; what no view is left of is held where it began."""
+        """Return the problem with some of its views, and of these those alone that hang on something known; what no
+        view is left of is held where it began.
+        """
+        kept = self._tied(kept)
         views = self.views.only(kept)
         return replace(
             self,
@@ -59,11 +62,30 @@ class Problem:
             bodies=_held(self.bodies, views.body),
         )
 
+    def placed(self, c: int) -> bool:
+        """Tell whether anything says where a camera is: its carrier, or a view."""
+        return bool(self.prior_roots[c, :6, :6].any() or (self.views.camera == c).any())
+
+    def unseen(self) -> frozenset[int]:
+        """Return the bodies that no view shows."""
+        return frozenset(range(len(self.names))) - frozenset(self.views.body.tolist())
+
+    def _tied(self, kept: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Return the views of cameras that hang on a prior, an anchor, or a body that such a camera sees."""
+        camera, body = self.views.camera, self.views.body
+        tied = np.asarray(self.prior_roots[:, :6, :6].any(axis=(1, 2)), dtype=bool)
+        tied[camera[kept & (body < 0)]] = True
+        known, of_bodies = np.zeros(len(self.names), dtype=bool), kept & (body >= 0)
+        for _ in range(len(tied)):  # each round ties the cameras that share a body with those tied before
+            known[body[of_bodies & tied[camera]]] = True
+            tied[camera[of_bodies][known[body[of_bodies]]]] = True
+        return np.asarray(kept & tied[camera])
+
 
 def _held(known: Poses, seen: npt.NDArray[np.int64]) -> Poses:
     information = known.information.copy()
-    unseen = np.setdiff1d(np.arange(len(known.T)), seen)
-    information[unseen] = np.maximum(information[unseen], np.eye(6))
+    for k in np.setdiff1d(np.arange(len(known.T)), seen):
+        information[k] += np.diag((np.diag(information[k]) <= 0.0).astype(float))
     return Poses(known.T, information)
 
 

@@ -92,7 +92,7 @@ class Fix:
     @property
     def order(self) -> tuple[float, tuple[str, ...]]:
         """Its place among the fixes of its body."""
-        return self.stamp_s, tuple(each.camera_id for each in self.seen)
+        return self.stamp_s, tuple(sorted(each.camera_id for each in self.seen))
 
     @property
     def whole(self) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from camrig import fuse, locate
 from camrig.interfaces import Published
@@ -13,6 +14,8 @@ from camrig.pipeline.expect import expected
 from camrig.pipeline.state import Inputs, Outputs, Settings, State
 from camrig.rig import Rig
 from camrig.steer import steer
+
+Stamped = TypeVar("Stamped", CameraPose, locate.View)
 
 POSE_WAIT_S = 0.25
 """How long a frame waits for the readings after its stamp; then the pose is extrapolated, its covariance grown."""
@@ -71,7 +74,7 @@ def _see(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
         state,
         pending=tuple(frame for frame in frames if frame not in ready),
         views={**state.views, **_newer(views, state.views)},
-        camera_poses={**state.camera_poses, **poses},
+        camera_poses={**state.camera_poses, **_newer(poses, state.camera_poses)},
     )
     seen = Seen(
         sightings=tuple(sighting for each in found for sighting in each.sightings),
@@ -83,9 +86,9 @@ def _see(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     return state, seen
 
 
-def _newer(views: Mapping[str, locate.View], than: Mapping[str, locate.View]) -> dict[str, locate.View]:
-    """Return the views of a later stamp than their camera's last one: frames may overtake each other."""
-    return {name: view for name, view in views.items() if name not in than or view.stamp_s > than[name].stamp_s}
+def _newer(items: Mapping[str, Stamped], than: Mapping[str, Stamped]) -> dict[str, Stamped]:
+    """Return what is of a later stamp than its camera's last one: frames may overtake each other."""
+    return {name: item for name, item in items.items() if name not in than or item.stamp_s > than[name].stamp_s}
 
 
 def rescan(state: State, now_s: float) -> State:

@@ -81,7 +81,7 @@ def test_after_the_scan_targets_are_covered_and_accurate(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_published_position_is_further_off_than_five_sigma(seed: int) -> None:
-    """Heads point a tenth of a degree wrong (one sigma), everything moves: the truth stays within what was published."""
+    """Heads point a tenth of a degree wrong (one sigma), everything moves: published covariances hold the truth."""
     values = []
     for tick in after_scan(watched(seed)):
         for target in tick.outputs.published.targets:

@@ -12,9 +12,11 @@ from scipy.stats import chi2
 from camrig import fuse
 from camrig.geometry.arrays import Array
 from camrig.geometry.pose import perturb, transform
-from camrig.geometry.rotation import rotation_x
+from camrig.geometry.rotation import rotation_x, rotation_z
 from camrig.locate import Together, View, apart, joint
+from camrig.locate.tags import SeenTag
 from camrig.messages import Fix, Motion, TargetStatus
+from camrig.rig import Rig
 from tests.watched_floor import Errors, Floor
 
 POINTING = Errors(math.radians(0.2))
@@ -215,3 +217,74 @@ def test_the_track_of_a_body_is_as_good_as_its_fixes() -> None:
         values.append(float(error @ np.linalg.solve(target.covariance_m2, error)))
     assert np.mean(values) <= float(chi2.ppf(0.999, 3 * len(values))) / len(values)
     assert max(values) < 25.0
+
+
+# --- little is known ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("sigma_m", "sigma_rad"), [(1.0, 0.2), (3.0, 0.2), (10.0, 0.5)])
+def test_carriers_that_know_next_to_nothing_leave_a_covariance_all_the_same(sigma_m: float, sigma_rad: float) -> None:
+    prior = np.diag([sigma_m**2] * 3 + [sigma_rad**2] * 3)
+    for seed in range(20):
+        floor = Floor(300 + seed, cameras=3, bodies=4)
+        views = [replace(view, carried=replace(view.found, covariance=prior)) for view in floor.views()]
+        fixes = together(floor, views).fixes
+        for fix in fixes:
+            np.linalg.cholesky(fix.covariance)
+        fuse.update(fuse.Tracks(), fixes, floor.rig)
+
+
+def test_a_camera_that_nothing_holds_any_more_tells_nothing() -> None:
+    """Hand-carried, its one anchor moved: whoever is left hangs on the others, or is not believed."""
+    for seed in range(40):
+        floor = Floor(400 + seed, cameras=4, bodies=4, anchors=True)
+        rng = np.random.default_rng(seed)
+        moved = tuple(
+            replace(each, T_world_tag=perturb(each.T_world_tag, np.append(rng.normal(size=3) * 0.3, np.zeros(3))))
+            for each in floor.rig.anchors
+        )
+        wrong = replace(floor.rig, anchors=moved)
+        views = floor.views()
+        free = [
+            replace(view, carried=None, anchors=tuple(_placed_as(tag, wrong) for tag in view.anchors[:1]))
+            for view in views[:3]
+            if view.anchors
+        ]
+        found = joint([*free, views[3]], (), at_rest(floor), wrong)
+        for pose in found.camera_poses:
+            assert np.linalg.eigvalsh(pose.covariance)[0] > 0.0
+        fuse.update(fuse.Tracks(), found.fixes, floor.rig)
+
+
+def _placed_as(tag: SeenTag, rig: Rig) -> SeenTag:
+    anchor = next(each for each in rig.anchors if each.key == tag.key)
+    owner = replace(tag.owner, T_owner_tag=anchor.T_world_tag)
+    return replace(tag, owner=owner, corners_m=owner.corners_m)
+
+
+def test_a_robot_that_turned_round_unseen_is_found_again() -> None:
+    floor = Floor(11, cameras=1, bodies=3)
+    (view,) = floor.views()
+    behind = {
+        name: replace(motion, T_world_body=transform(T[:3, :3] @ rotation_z(math.pi), T[:3, 3] + [2.0, 0.0, 0.0]))
+        for (name, motion), T in zip(at_rest(floor).items(), floor.places.values(), strict=True)
+    }
+    found = joint([view], (), behind, floor.rig)
+    assert {fix.target_id for fix in found.fixes} == {seen.body.id for seen in view.bodies}
+    assert found.notes == ()
+    for fix in found.fixes:
+        assert float(np.linalg.norm(error_m(fix, floor))) < 0.01
+
+
+def test_one_contradiction_is_told_in_the_same_words_whoever_is_fresh() -> None:
+    floor = Floor(2, cameras=4, bodies=5, anchors=True)
+    body = floor.rig.targets["b0"]
+    half = tuple(replace(tag, size_m=0.5 * tag.size_m) for tag in body.tags)
+    wrong = replace(floor.rig, targets={**floor.rig.targets, "b0": replace(body, tags=half)})
+    views = [floor.view(name, rig=wrong) for name in floor.rig.cameras]
+    texts = {
+        note.text
+        for k in range(4)
+        for note in joint([views[k]], [*views[:k], *views[k + 1 :]], at_rest(floor), wrong).notes
+    }
+    assert len(texts) == 1
