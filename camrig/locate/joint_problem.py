@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from camrig.geometry.arrays import Array, Transform
-from camrig.geometry.bundle import CAMERA, Estimate, Poses, Views
+from camrig.geometry.bundle import Estimate, Poses, Views
+from camrig.geometry.bundle_kernel import CAMERA
 from camrig.geometry.lens.errors import TYPICAL_SIGMA
 from camrig.geometry.rotation import upright_rotation
 from camrig.locate.fit import residual_limit_px
