@@ -43,12 +43,20 @@ def test_without_a_guardian_nothing_goes_on(daemon: Daemon) -> None:
     assert at_rest(daemon)
 
 
+def _is_dead(process: int) -> bool:
+    """Tell whether a process is a zombie, or was reaped already: the daemon may be quicker than we are."""
+    try:
+        return Path(f"/proc/{process}/cmdline").read_text() == ""
+    except FileNotFoundError:
+        return True
+
+
 def _kill(program: str) -> None:
     tasks = Path("/proc/self/task").glob("*/children")
     pids = [pid for task in tasks for pid in task.read_text().split()]
     (found,) = [int(pid) for pid in pids if program in Path(f"/proc/{pid}/cmdline").read_text()]
     os.kill(found, signal.SIGKILL)
-    until(lambda: Path(f"/proc/{found}/cmdline").read_text() == "")
+    until(lambda: _is_dead(found))
 
 
 class Nothing(BaseModel):
