@@ -140,7 +140,7 @@ def _rows(
             if name not in starts:
                 continue
             dt_s = view.stamp_s - starts[name][0]
-            shift_m = motions[name].velocity_m_s * dt_s
+            shift_m = motions[name].shift_m(dt_s)
             for tag in seen.tags:
                 yield _Row(c, names.index(name), tag, shift_m, motions[name].spread(dt_s))
 

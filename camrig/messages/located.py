@@ -52,9 +52,9 @@ class Motion:
     acceleration_m2_s3: Array
     turn_rad2_s: Array
 
-    def shift_m(self, stamp_s: float) -> Array:
-        """Return by what (3,) it is further on at another stamp."""
-        return self.velocity_m_s * (stamp_s - self.stamp_s)
+    def shift_m(self, dt_s: float) -> Array:
+        """Return by what (3,) it is further on ``dt_s`` later or, negative, earlier."""
+        return self.velocity_m_s * dt_s
 
     def spread(self, dt_s: float) -> Array:
         """Return the (6, 6) covariance (geometry.pose) of its pose ``dt_s`` later or earlier, given what it is now."""
