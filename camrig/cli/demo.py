@@ -15,7 +15,7 @@ from rich.live import Live
 from rich.table import Table
 
 from camrig.cli.console import people, print_json, progress_bar, results
-from camrig.cli.kernels import load_kernels
+from camrig.cli.kernels import load_daemons_kernels, load_kernels
 from camrig.cli.run import log_to_stderr, stopped_by_signals
 from camrig.config.rig_file import RigConfig, load_rig
 from camrig.config.settings import settings_of
@@ -75,6 +75,7 @@ def demo(
     with as_file(files("camrig.config") / "examples" / "demo.yaml") as path:
         config = load_rig(path)
     load_kernels(settings_of(config).planner)
+    load_daemons_kernels()
     show = not headless
     optimised = _run_phase(config, seed, seconds, start_s=0.0, aim=True, show=show)
     start_s = max(0.0, optimised.from_s - WARM_UP_S)
