@@ -137,8 +137,8 @@ def _camera_pose(problem: Problem, c: int, found: Adjusted) -> CameraPose:
 
 def _contradiction(problem: Problem, b: int) -> Event:
     cameras = sorted(each.camera_id for each in problem.seen[b])
-    says = "contradict each other on it" if len(cameras) > 1 else "cannot have it where its other tags and anchors are"
-    text = f"{', '.join(cameras)} {says}: a tag's size or place, or a calibration, is wrong; not used"
+    says = "do not agree on it" if len(cameras) > 1 else "does not see it where its other tags and the anchors put it"
+    text = f"{', '.join(cameras)} {says}: hidden in part, or a tag's size or place or a calibration is wrong; not used"
     return Event(problem.stamps_s[b], Level.WARNING, problem.names[b], text)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.corner_noise import tag_width_px
@@ -20,6 +21,11 @@ from camrig.rig import Rig, TagKey
 
 MIN_WIDTH_PX = 6.0
 """A tag has 8 cells and more across: what is smaller than this was never read."""
+
+CELL = 1.0 / 8.0
+"""A corner that could not be refined and lies within the tag's white rim of the picture's edge is a guess of the
+detector's, pixels off: the edge cuts the tag.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,19 +70,32 @@ def owners(rig: Rig) -> dict[TagKey, TagOwner]:
 
 
 def undistorted(lens: Lens, listed: Sequence[tuple[TagDetection, TagOwner]]) -> tuple[SeenTag, ...]:
-    """Undistort all corners in one go; leaves out tags too small to be real and any with a corner past ``r_max``."""
+    """Undistort all corners in one go; leaves out tags too small to be real, those cut by the picture's edge, and any
+    with a corner past ``r_max``.
+    """
     if not listed:
         return ()
     corners_px = np.stack([detection.corners_px for detection, _ in listed])
-    points = observe_tags(lens, corners_px, np.array([detection.refined for detection, _ in listed]))
+    refined = np.array([detection.refined for detection, _ in listed])
+    points = observe_tags(lens, corners_px, refined)
     width_px = tag_width_px(corners_px)
     usable = np.isfinite(points.ideal).all(axis=(1, 2)) & (width_px >= MIN_WIDTH_PX)
+    usable &= ~_cut(corners_px, refined, width_px, lens.size_px)
     slopes = error_slopes(lens, points.ideal) / points.sigma_px[..., None, None]
     return tuple(
         SeenTag(detection, owner, float(width_px[k]), owner.corners_m, points.of(k), slopes[k])
         for k, (detection, owner) in enumerate(listed)
         if usable[k]
     )
+
+
+def _cut(
+    corners_px: Array, refined: npt.NDArray[np.bool_], width_px: Array, size_px: tuple[int, int]
+) -> npt.NDArray[np.bool_]:
+    """Tell (n,) which tags the picture's edge cuts."""
+    inside_px = np.minimum(corners_px, np.array(size_px) - 1.0 - corners_px).min(axis=2)
+    near = inside_px < CELL * width_px[:, None]
+    return np.asarray((near & ~refined).any(axis=1) | (inside_px < 0.0).any(axis=1))
 
 
 def without_repeats(

@@ -133,7 +133,7 @@ def test_an_anchor_that_is_not_where_the_rig_says_is_left_out_and_named() -> Non
 
 
 def test_of_contradicting_anchors_under_a_vague_drone_the_odd_one_out_is_left_out() -> None:
-    T_world_body = pose.transform(rotation_z(0.3), np.array([1.8, 2.1, 1.6]))
+    T_world_body = pose.transform(rotation_z(0.3), np.array([1.8, 2.1, 1.9]))
     histories = Histories()
     for stamp_s in (0.95, 1.05):
         reading = DroneReading("d", stamp_s, T_world_body, np.diag([2.5e-3] * 3 + [4e-4] * 3), FlightState.FLYING)

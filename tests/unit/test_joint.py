@@ -117,7 +117,7 @@ def test_a_tag_twice_its_declared_size_is_named_and_not_used() -> None:
     found = joint(views, (), at_rest(floor), wrong)
     assert "b0" not in {fix.target_id for fix in found.fixes}
     assert [note.about for note in found.notes] == ["b0"]
-    assert "contradict each other" in found.notes[0].text
+    assert "do not agree" in found.notes[0].text
     for fix in found.fixes:
         assert nees(fix, floor) < 30.0
 
