@@ -20,7 +20,7 @@ from camrig.messages import HeadAim
 from camrig.optimise import HeadPlace, PlannerSettings, PoseSigma, Scene, SceneAnchor, SceneCamera, SceneTarget
 from camrig.optimise.kernels.pose import lens_of, pose_covariance, pose_of
 from camrig.optimise.kernels.problem import CORNERS, FISHER, PAN, TILT, Problem
-from camrig.optimise.kernels.worth import add_worth, known_pose, lever_of, quality_of, quality_slopes
+from camrig.optimise.kernels.worth import add_worth, known_pose, lever_of, quality_of, quality_slopes, with_information
 from camrig.optimise.problem import problem_of
 from camrig.sensing.fisher import corner_sigma
 from tests.lenses import LAB
@@ -233,3 +233,18 @@ def test_two_cameras_from_two_sides_are_better_than_two_from_one() -> None:
             found[name] = plan.objective_m or 0.0
     assert fisher["across"] < 0.85 * fisher["beside"]
     assert pixel["across"] > 0.9 * pixel["beside"]
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0, 1e9, 1e30, 1e300, math.inf, math.nan])
+def test_what_is_known_of_a_pose_stays_a_number_whatever_anchors_tell(size: float) -> None:
+    """A step that is tried may put an anchor where the lens's polynomial means nothing."""
+    rows = np.random.default_rng(3).normal(size=(6, 2))
+    before = np.diag([1e-6, 1e-6, 1e-6, 1e-5, 1e-5, 0.0])
+    after = with_information(before, size * (rows @ rows.T))
+    assert np.isfinite(after).all()
+    assert np.trace(after) <= np.trace(before) * (1.0 + 1e-9)
+    if size <= 1e9:
+        exact = before[:5, :5] - before[:5, :5] @ rows[:5] @ np.linalg.solve(
+            np.eye(2) / max(size, 1e-30) + rows[:5].T @ before[:5, :5] @ rows[:5], rows[:5].T @ before[:5, :5]
+        )
+        np.testing.assert_allclose(after[:5, :5], exact, rtol=1e-6, atol=1e-12)

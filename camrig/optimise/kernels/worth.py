@@ -14,6 +14,11 @@ from camrig.optimise.kernels.sight import cone_cosine, sees, to_camera
 from camrig.sensing.fisher import invert_symmetric, place_covariance, tag_information
 from camrig.sensing.point import perspective_gain, pixel_gain
 
+_MOST_KNOWN = 1e12
+"""tr S N of a pose known to a metre and a radian beforehand, to a micrometre and a microradian after: no picture
+tells more, and (6, 6) matrices are still solved safely.
+"""
+
 
 @compiled
 def known_pose(problem: Problem, i: int, u: Array, lens: Array, R: Array, origin: Array) -> Array:
@@ -58,8 +63,21 @@ def pose_known_by(problem: Problem, i: int, u: Array, anchors: Flags, lens: Arra
     turn = np.zeros((6, 6))
     turn[:3, :3] = R
     turn[3:, 3:] = R
-    # (S^-1 + N)^-1 without S^-1: a pose may be known exactly.
-    return np.ascontiguousarray(np.linalg.solve(np.eye(6) + covariance @ (turn @ total @ turn.T), covariance))
+    return with_information(covariance, turn @ total @ turn.T)
+
+
+@compiled
+def with_information(covariance: Array, information: Array) -> Array:
+    """Return (S^-1 + N)^-1 of (6, 6) matrices, without S^-1: a pose may be known exactly.
+
+    A step tried may put an anchor where the lens's polynomial means nothing: N beyond all bounds is cut down, and one
+    that is no number tells nothing.
+    """
+    amount = np.trace(covariance @ information)
+    if not math.isfinite(amount):
+        return covariance
+    share = min(1.0, _MOST_KNOWN / amount) if amount > 0.0 else 1.0
+    return np.ascontiguousarray(np.linalg.solve(np.eye(6) + covariance @ (share * information), covariance))
 
 
 @compiled
