@@ -50,15 +50,21 @@ def _headline(answer: Answer) -> str:
 
 
 def _targets(answer: Answer) -> Table:
-    table = Table("target", "status", "x, y, z (m)", "sigma (mm)", "seen by", "age (s)", title="Targets")
+    columns = ("x, y, z (m)", "sigma (mm)", "planned", "innovation", "seen by", "age (s)")
+    table = Table("target", "status", *columns, title="Targets")
     targets = part(answer, "targets")
     for name in targets:
         target = part(targets, name)
         place = ", ".join(f"{value:.3f}" for value in _numbers(target, "position_m"))
-        sigma = ", ".join(f"{1000.0 * value:.1f}" for value in _numbers(target, "sigma_m"))
+        sigma, planned = (
+            ", ".join(f"{1000.0 * value:.1f}" for value in _numbers(target, key))
+            for key in ("sigma_m", "planned_sigma_m")
+        )
+        innovation = "".join(f"{value:.1f}" for value in _numbers(target, "innovation"))
         age = "".join(f"{value:.1f}" for value in _numbers(target, "age_s"))
         seen_by = names(target, "seen_by") if target.get("seen_by") else ""
-        table.add_row(escape(name), _coloured(target.get("status")), place, sigma, escape(seen_by), age)
+        row = (place, sigma, planned, innovation, escape(seen_by), age)
+        table.add_row(escape(name), _coloured(target.get("status")), *row)
     return table
 
 

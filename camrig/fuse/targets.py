@@ -101,6 +101,7 @@ def _target(name: str, track: Track | None, now_s: float, settings: Settings) ->
         seen_by=tuple(sorted(each.camera_id for each in seeing)),
         last_seen_s=belief.stamp_s,
         quality_m=1.0 / sum(1.0 / each.quality_m for each in seeing) if seeing else None,
+        innovation=track.state.innovation,
     )
 
 

@@ -17,6 +17,9 @@ from camrig.fuse.settings import MotionModel, Settings
 from camrig.geometry.arrays import Array
 from camrig.messages import Fix
 
+_INNOVATIONS = 30
+"""So many fixes the mean of their innovations remembers."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
@@ -27,6 +30,8 @@ class State:
     rival: Belief | None = None
     rival_hits: int = 0
     restarts: int = 0
+    innovation: float | None = None
+    """The mean squared Mahalanobis distance of the last fixes from their prediction, by degree of freedom."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,12 +85,20 @@ def _fold(state: State, fix: Fix, model: MotionModel, settings: Settings) -> Sta
     if unseen_s > settings.lost_after_s and not state.confirmed:
         return _born(state, fix, model, settings)
     predicted = predict(belief, fix.stamp_s, model)
-    if distance(predicted, fix) <= settings.gate_chi2:
+    surprise = distance(predicted, fix)
+    state = replace(state, innovation=_mean_innovation(state, surprise / 3.0))
+    if surprise <= settings.gate_chi2:
         updated = update(predicted, fix, _weight(fix, settings), settings.repeating)
         return replace(state, belief=updated, confirmed=True, rival=None, rival_hits=0)
     if not state.confirmed or unseen_s > settings.lost_after_s:
         return _born(state, fix, model, settings)
     return _doubted(state, fix, model, settings)
+
+
+def _mean_innovation(state: State, newest: float) -> float:
+    """Return the mean with one more."""
+    before = newest if state.innovation is None else state.innovation
+    return before + (newest - before) / _INNOVATIONS
 
 
 def _born(state: State, fix: Fix, model: MotionModel, settings: Settings) -> State:

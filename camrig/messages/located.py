@@ -110,7 +110,12 @@ class TargetStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Target:
-    """A target as published: position (3,) m, velocity (3,) m/s, covariance (3, 3) m2 at ``stamp_s``."""
+    """A target as published: position (3,) m, velocity (3,) m/s, covariance (3, 3) m2 at ``stamp_s``.
+
+    Achieved against predicted: ``planned_covariance_m2`` (3, 3) is what the plan in force promised from one picture of
+    each camera (None: it does not cover the target); ``innovation`` the mean of the last fixes' squared Mahalanobis
+    distances from where they were predicted, by degree of freedom: 1 expected, less where errors stay the same.
+    """
 
     id: str
     stamp_s: float
@@ -122,3 +127,12 @@ class Target:
     seen_by: tuple[str, ...]
     last_seen_s: float
     quality_m: float | None = None
+    innovation: float | None = None
+    planned_covariance_m2: Array | None = None
+
+    @property
+    def planned_sigma_m(self) -> list[float] | None:
+        """One sigma by axis that the plan promised."""
+        if self.planned_covariance_m2 is None:
+            return None
+        return [round(float(value), 6) for value in np.sqrt(np.diag(self.planned_covariance_m2))]

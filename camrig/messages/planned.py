@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from camrig.geometry.arrays import Array
+
 
 @dataclass(frozen=True, slots=True)
 class HeadAim:
@@ -81,10 +83,15 @@ PlannerRequest = PlanRequest | ScanRequest
 
 @dataclass(frozen=True, slots=True)
 class TargetQuality:
-    """What a plan promises for one target; ``quality_m`` is None where nothing sees it."""
+    """What a plan promises for one target; ``quality_m`` is None where nothing sees it.
+
+    ``covariance_m2`` (3, 3) is that of its place from one picture of each of these cameras, whatever the plan was made
+    by: what fusion reports may be held against it. None where nobody asked for it.
+    """
 
     quality_m: float | None
     seen_by: tuple[str, ...]
+    covariance_m2: Array | None = field(default=None, compare=False)
 
 
 class PlanStatus(StrEnum):

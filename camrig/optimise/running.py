@@ -13,6 +13,7 @@ from camrig.messages import Aim, LostTarget, PlanRequest, PlanStatus, RigPlan, T
 from camrig.optimise.hysteresis import Motion
 from camrig.optimise.objective import score
 from camrig.optimise.planner import plan, quality_at
+from camrig.optimise.promise import with_covariances
 from camrig.optimise.scene import PlannerSettings, Scene, SceneTarget, scene_of, speeds_of
 from camrig.rig import Rig
 
@@ -55,7 +56,7 @@ def plan_for(
         )
     except InputError:
         found = quality_at(scene, request.aims)
-    return _without_searches(found, scene, request)
+    return _without_searches(with_covariances(found, scene), scene, request)
 
 
 def proposal_for(

@@ -92,6 +92,8 @@ def target_line(target: Target) -> dict[str, object]:
         "seen_by": list(target.seen_by),
         "age_s": round(target.stamp_s - target.last_seen_s, 4),
         "quality_m": target.quality_m,
+        "planned_sigma_m": target.planned_sigma_m,
+        "innovation": None if target.innovation is None else round(target.innovation, 3),
     }
 
 

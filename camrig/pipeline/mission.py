@@ -120,6 +120,14 @@ def rescan(mission: Mission, now_s: float) -> Mission:
     return Mission(started_s=now_s - ASSEMBLE_S, request_id=mission.request_id, answered_id=mission.answered_id)
 
 
+def with_promises(targets: tuple[Target, ...], plan: RigPlan | None) -> tuple[Target, ...]:
+    """Return the targets with what the plan in force promised for each: achieved and predicted, side by side."""
+    if plan is None:
+        return targets
+    promised = {name: quality.covariance_m2 for name, quality in plan.targets.items()}
+    return tuple(replace(target, planned_covariance_m2=promised.get(target.id)) for target in targets)
+
+
 def _take(mission: Mission, answer: PlannerAnswer | None) -> Mission:
     """Accept the planner's answer unless the mission has moved on since it was asked."""
     if answer is None or answer.request_id != mission.request_id:

@@ -34,7 +34,15 @@ def step(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     lasting = (*seen.notes, *fuse_notes, *watch.held_events(steered.held, now_s))
     state, fresh = watch.without_repeats(replace(state, tracks=tracks, mission=plan, steer=steered), lasting)
     said = (*inputs.events, *link_events, *fresh, *events)
-    published = Published(now_s, targets, said, inputs.links, plan.plan, seen.sightings, seen.camera_poses)
+    published = Published(
+        now_s,
+        mission.with_promises(targets, plan.plan),
+        said,
+        inputs.links,
+        plan.plan,
+        seen.sightings,
+        seen.camera_poses,
+    )
     news = seen.camera_poses or commands
     regions = expected(state, targets, rig, now_s) if news else None
     return state, Outputs(published, request, commands, regions, seen.head_angles)

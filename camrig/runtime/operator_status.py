@@ -20,7 +20,7 @@ from camrig.messages import (
     Target,
     TargetStatus,
 )
-from camrig.pipeline import State
+from camrig.pipeline import State, mission
 from camrig.rig import Rig
 
 EVENTS_KEPT = 32
@@ -75,7 +75,10 @@ def status_of(view: View, rates_hz: Mapping[str, float], events: tuple[Event, ..
         "rig": view.rig.name,
         "stamp_s": round(view.now_s, 3),
         "phase": "scanning" if view.state.mission.scanning else "tracking",
-        "targets": {target.id: _target(target, view.now_s) for target in view.targets},
+        "targets": {
+            target.id: _target(target, view.now_s)
+            for target in mission.with_promises(view.targets, view.state.mission.plan)
+        },
         "cameras": {name: {**_link(view, name), "fps": _number(rates_hz.get(name), 1)} for name in view.rig.cameras},
         "heads": {
             name: {**_link(view, name), **_head(view, name), "answers_hz": _number(rates_hz.get(name), 1)}
@@ -161,6 +164,8 @@ def _target(target: Target, now_s: float) -> dict[str, object]:
         "status": target.status.value,
         "position_m": [_number(value, 4) for value in target.position_m] if known else None,
         "sigma_m": [_number(value, 5) for value in np.sqrt(target.covariance_m2.diagonal())] if known else None,
+        "planned_sigma_m": target.planned_sigma_m,
+        "innovation": _number(target.innovation, 2),
         "seen_by": list(target.seen_by),
         "age_s": _number(now_s - target.last_seen_s, 3),
     }

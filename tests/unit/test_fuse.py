@@ -200,6 +200,20 @@ def test_a_floor_targets_height_is_learnt_and_helps_its_place() -> None:
     assert on_floor.position_m == pytest.approx(HERE, abs=0.006)
 
 
+def test_innovations_tell_whether_fixes_come_where_they_are_expected() -> None:
+    """About 1 where covariances are right, far above where the motion or a camera is not what it is taken for."""
+    rng, quiet, wild = np.random.default_rng(4), fuse.Tracks(), fuse.Tracks()
+    for k in range(100):
+        place = HERE + rng.normal(size=3) * [0.002, 0.002, 0.004]
+        quiet, _ = fuse.update(quiet, [fix(k / 10.0, place)], STATIC, ALL_NEW)
+        wild, _ = fuse.update(wild, [fix(k / 10.0, place + 0.008 * (-1) ** k * np.eye(3)[0])], STATIC, ALL_NEW)
+    (calm,), (odd,) = (fuse.targets_at(tracks, STATIC, 10.0) for tracks in (quiet, wild))
+    assert calm.innovation is not None
+    assert odd.innovation is not None
+    assert 0.5 < calm.innovation < 2.0
+    assert odd.innovation > 4.0
+
+
 def test_the_papers_weighting_follows_quality_and_not_covariance() -> None:
     good, poor = HERE, HERE + np.array([0.03, 0.0, 0.0])
     vague = np.diag([1e-2] * 3)

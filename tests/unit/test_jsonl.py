@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -65,7 +67,17 @@ def test_a_target_is_a_line_with_units_clock_and_frame(sink: Callable[..., Jsonl
         "seen_by": ["north"],
         "age_s": 0.05,
         "quality_m": 0.002,
+        "planned_sigma_m": None,
+        "innovation": None,
     }
+
+
+def test_what_was_planned_stands_beside_what_was_achieved(sink: Callable[..., JsonlSink], tmp_path: Path) -> None:
+    planned = np.diag([0.001**2, 0.002**2, 0.003**2])
+    sink().write(published(0.0, replace(target("robot1"), planned_covariance_m2=planned, innovation=0.81234)))
+    (line,) = lines(tmp_path)
+    assert line["planned_sigma_m"] == [0.001, 0.002, 0.003]
+    assert line["innovation"] == 0.812
 
 
 def test_the_wall_clock_goes_with_the_stamp(sink: Callable[..., JsonlSink], tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -23,7 +25,7 @@ from camrig.messages import (
     RigPlan,
     ScanRequest,
 )
-from camrig.optimise import PlannerSettings, plan_for, scan_for
+from camrig.optimise import PlannerSettings, plan_for, quality_at, scan_for
 from camrig.optimise.kernels.problem import Flags
 from camrig.optimise.places import vector_of
 from camrig.optimise.problem import problem_of
@@ -203,3 +205,22 @@ def test_a_scan_of_one_camera_goes_to_the_nearest_stop_first() -> None:
 def test_a_scan_without_cameras_has_no_stops() -> None:
     scan = scan_for(rig(), ScanRequest(1, 0.0, {}, (), 30.0), SETTINGS, lambda: 0.0)
     assert (scan.stops, scan.covered) == ((), 0.0)
+
+
+@pytest.mark.parametrize("quality", ["pixel", "fisher"])
+def test_a_plan_promises_a_covariance_whatever_it_was_made_by(quality: Literal["pixel", "fisher"]) -> None:
+    found = plan_for(rig(), request(), replace(SETTINGS, quality=quality), lambda: 0.0)
+    scene = scene_of(rig(), replace(request(), aims=found.aims), replace(SETTINGS, quality="fisher"))
+    by_fisher = quality_at(scene, found.aims).targets
+    for name, promised in found.targets.items():
+        assert promised.covariance_m2 is not None
+        sigma_m = math.sqrt(float(np.trace(promised.covariance_m2)))
+        assert sigma_m == pytest.approx(by_fisher[name].quality_m, rel=1e-9)
+        assert 1e-5 < sigma_m < 0.05
+
+
+def test_nothing_is_promised_of_a_target_that_nobody_sees() -> None:
+    behind = PlanTarget("r0", (4.9, 2.9, 2.7), 0.12)
+    found = answer(PlanRequest(1, 0.0, (behind, TRACKED[1]), AIMS, ("west",), 5.0))
+    assert found.targets["r0"].covariance_m2 is None
+    assert found.targets["r1"].covariance_m2 is not None
