@@ -2,6 +2,8 @@
 
 from camrig.locate.body_pose import body_pose, navigates_by
 from camrig.locate.camera_pose import camera_pose
+from camrig.locate.drift import Drift, with_correction
+from camrig.locate.head_angles import with_offset
 from camrig.locate.history import AxisHistory, DroneHistory, HeadHistory, HeadState, Histories
 from camrig.locate.joint import joint, warm_up
 from camrig.locate.one_frame import Located, locate
@@ -9,6 +11,7 @@ from camrig.locate.views import Together, View, apart
 
 __all__ = [
     "AxisHistory",
+    "Drift",
     "DroneHistory",
     "HeadHistory",
     "HeadState",
@@ -23,4 +26,6 @@ __all__ = [
     "locate",
     "navigates_by",
     "warm_up",
+    "with_correction",
+    "with_offset",
 ]

@@ -33,16 +33,17 @@ def camera_pose(camera: CameraSpec, rig: Rig, histories: Histories, stamp_s: flo
 
 
 def _on_head(camera: CameraSpec, mount: HeadMount, rig: Rig, histories: Histories, stamp_s: float) -> CameraPose | None:
-    """Carry readings and bias through the kinematics: J (C + bias^2 I) J^T."""
-    history = histories.heads.get(mount.head)
-    state = history.at(stamp_s) if history else None
-    if state is None:
+    """Carry readings and bias through the kinematics: J (C + bias^2 I + rate^2 offset sigma^2) J^T."""
+    history, offset = histories.heads.get(mount.head), histories.offset(camera.id)
+    state = history.at(stamp_s + offset.offset_s) if history else None
+    if history is None or state is None:
         return None
     head = rig.heads[mount.head]
     pan_rad, tilt_rad = (float(angle) for angle in state.angles_rad)
     T_world_camera = head.kinematics.T_world_camera(pan_rad, tilt_rad, mount.T_mount_camera)
     J = head.kinematics.jacobian(pan_rad, tilt_rad, mount.T_mount_camera)
-    angles = state.covariance + head.bias_sigma_rad**2 * np.eye(2)
+    strayed_rad = history.rates_rad_s(stamp_s + offset.offset_s) * offset.sigma_s
+    angles = state.covariance + head.bias_sigma_rad**2 * np.eye(2) + np.outer(strayed_rad, strayed_rad)
     return CameraPose(camera.id, stamp_s, T_world_camera, J @ angles @ J.T + MOUNT_COVARIANCE)
 
 

@@ -167,16 +167,16 @@ def axis_at(readings: Sequence[AxisReading], stamp_s: float) -> tuple[float, flo
     The last two are those round the stamp, or the ones nearest to it. Readings share their error (a zero, a step, the
     play), so more of them do not make it smaller.
     """
-    first = _between(readings[0], readings[1])
-    rate = _Rate(first.slope_rad_s, first.slope_variance + (0.5 * first.slope_rad_s) ** 2, 0.5)
-    for before, after in pairwise(readings[:-1]):
-        rate = _between(before, after).next_rate(rate)
     before, after = readings[-2:]
     interval = _between(before, after)
     sigma_rad = max(before.sigma_rad, after.sigma_rad)
     outside_s = max(before.stamp_s - stamp_s, stamp_s - after.stamp_s, 0.0)
     if outside_s == 0.0 and abs(interval.turn_rad) < _SAME_RAD:
         return before.angle_rad, sigma_rad**2
+    first = _between(readings[0], readings[1])
+    rate = _Rate(first.slope_rad_s, first.slope_variance + (0.5 * first.slope_rad_s) ** 2, 0.5)
+    for one, next_one in pairwise(readings[:-1]):
+        rate = _between(one, next_one).next_rate(rate)
     if outside_s == 0.0:
         share = (stamp_s - before.stamp_s) / interval.lasts_s
         come_rad, variance = interval.at(rate, share)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,8 +11,10 @@ from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pan_tilt import PanTilt
 from camrig.geometry.pose import difference, invert
 from camrig.locate.camera_pose import MOUNT_COVARIANCE
+from camrig.locate.history import Histories
+from camrig.locate.time_offset import learn
 from camrig.messages import AxisReading, CameraPose
-from camrig.rig import HeadMount, HeadSpec
+from camrig.rig import CameraSpec, HeadMount, HeadSpec
 
 _STAMP_SIGMA_S = 0.0005
 """A frame's stamp is that of its middle row; the angle is that of the whole picture."""
@@ -50,6 +53,21 @@ def head_angles(
         AxisReading(head.id, "pan", float(pan_rad), found.stamp_s, float(pan_sigma_rad), _STAMP_SIGMA_S),
         AxisReading(head.id, "tilt", float(tilt_rad), found.stamp_s, float(tilt_sigma_rad), _STAMP_SIGMA_S),
     )
+
+
+def with_offset(histories: Histories, camera: CameraSpec, shown: tuple[AxisReading, ...]) -> Histories:
+    """Return the histories with what a frame's ``head_angles`` tell of the time between its camera's stamps and its
+    head's reports.
+    """
+    if not shown or not isinstance(camera.mount, HeadMount):
+        return histories
+    before = histories.offset(camera.id)
+    stamp_s, history = shown[0].stamp_s + before.offset_s, histories.heads.get(camera.mount.head)
+    told = history.at(stamp_s) if history is not None and history.covers(stamp_s) else None
+    if history is None or told is None:
+        return histories
+    after = learn(before, shown, told.angles_rad, np.diag(told.covariance), history.rates_rad_s(stamp_s))
+    return replace(histories, offsets={**histories.offsets, camera.id: after})
 
 
 def _information(pose: CameraPose, T_start: Transform) -> tuple[Array, Array]:

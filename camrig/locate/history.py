@@ -15,8 +15,9 @@ import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pose import transform
-from camrig.geometry.rotation import rotation_exp, rotation_log
+from camrig.geometry.rotation import rotation_exp, rotation_log, wrap_angle
 from camrig.locate import curve
+from camrig.locate.time_offset import TimeOffset, begin
 from camrig.messages import AxisReading, DroneReading
 from camrig.rig import CameraSpec, DroneMount, HeadMount
 
@@ -62,6 +63,14 @@ class AxisHistory:
             return before.angle_rad, before.sigma_rad**2 + stray**2
         return curve.axis_at(_around(self.readings, after), stamp_s)
 
+    def rate_rad_s(self, stamp_s: float) -> float:
+        """Return how fast it turns between the readings round the stamp; 0 where these are not known."""
+        span = _span(self.readings, stamp_s)
+        if span is None or span[0] is span[1]:
+            return 0.0
+        before, after, _, _ = span
+        return wrap_angle(after.angle_rad - before.angle_rad) / (after.stamp_s - before.stamp_s)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadState:
@@ -87,6 +96,10 @@ class HeadHistory:
     def covers(self, stamp_s: float) -> bool:
         """Tell whether both axes have readings on both sides of the stamp."""
         return all(_covers(axis.readings, stamp_s) for axis in (self.pan, self.tilt))
+
+    def rates_rad_s(self, stamp_s: float) -> Array:
+        """Return how fast (2,) pan and tilt turn between the readings round the stamp; 0 where these are not known."""
+        return np.array([self.pan.rate_rad_s(stamp_s), self.tilt.rate_rad_s(stamp_s)])
 
     def at(self, stamp_s: float) -> HeadState | None:
         """Return both angles at the stamp; None where an axis is unknown."""
@@ -133,10 +146,17 @@ class DroneHistory:
 
 @dataclass(frozen=True, slots=True)
 class Histories:
-    """The histories of all carriers, by head and drone id; ids without a reading are absent."""
+    """The histories of all carriers, by head and drone id, and by how much a camera's stamps and its head's are apart,
+    by camera id; what nothing is known of is absent.
+    """
 
     heads: Mapping[str, HeadHistory] = field(default_factory=lambda: MappingProxyType({}))
     drones: Mapping[str, DroneHistory] = field(default_factory=lambda: MappingProxyType({}))
+    offsets: Mapping[str, TimeOffset] = field(default_factory=lambda: MappingProxyType({}))
+
+    def offset(self, camera_id: str) -> TimeOffset:
+        """Return what is known of the time between a camera's stamps and its head's."""
+        return self.offsets.get(camera_id) or begin()
 
     def with_reading(self, reading: AxisReading | DroneReading) -> Histories:
         """Return the histories with one more reading of a head's axis or of a drone."""
@@ -153,7 +173,8 @@ class Histories:
         """
         match camera.mount:
             case HeadMount(head=head):
-                return head in self.heads and self.heads[head].covers(stamp_s)
+                later_s = stamp_s + self.offset(camera.id).offset_s
+                return head in self.heads and self.heads[head].covers(later_s)
             case DroneMount(drone=drone):
                 return drone in self.drones and self.drones[drone].covers(stamp_s)
             case _:

@@ -20,6 +20,11 @@ from camrig.locate.views import View
 from camrig.messages import AxisReading, CameraPose, Event, Level, Sighting, TagDetection, TagDetections
 from camrig.rig import CameraSpec, DroneMount, HeadMount, Rig
 
+_ELSEWHERE = (
+    "all anchors in view agree with each other and not with where its calibration and readings put it: "
+    "placed by them alone; see to its mount, and calibrate it"
+)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Located:
@@ -28,7 +33,8 @@ class Located:
     ``camera_pose`` and ``view``, all of it to be estimated together with other cameras' frames, are None where nothing
     tells where the camera was, and then there are no sightings. ``unlisted`` tags are in the picture, not in the rig:
     reported, never fused. ``notes`` repeat in every frame while their cause lasts, with the same text. ``head_angles``
-    are what the anchors in view say of the camera's head, beside its own readings.
+    are what the anchors in view say of the camera's head, beside its own readings. ``carried`` is where calibration
+    and readings alone put the camera, right or not.
     """
 
     camera_pose: CameraPose | None
@@ -37,6 +43,7 @@ class Located:
     unlisted: tuple[TagDetection, ...] = ()
     notes: tuple[Event, ...] = ()
     head_angles: tuple[AxisReading, ...] = ()
+    carried: CameraPose | None = None
 
 
 def locate(detections: TagDetections, histories: Histories, rig: Rig, priors: Mapping[str, Transform]) -> Located:
@@ -55,9 +62,10 @@ def locate(detections: TagDetections, histories: Histories, rig: Rig, priors: Ma
     carried = camera_pose(camera, rig, histories, detections.stamp_s)
     anchors = [tag for tag in tags if tag.owner.target_id is None]
     made_of_anchors = navigates_by(camera.id, rig) is not None  # its telemetry: one or the other, then
-    found, used, notes = _with_anchors(detections, camera, None if made_of_anchors else carried, anchors)
-    if made_of_anchors:
-        carried, found = (None, found) if found is not None else (carried, carried)
+    placed = _with_anchors(detections, camera, None if made_of_anchors else carried, anchors)
+    found, believed, notes = placed.pose, placed.carried, placed.notes
+    if made_of_anchors and found is None:
+        found = believed = carried
     if found is None:
         return Located(None, None, (), unlisted, notes)
     own = [tag for tag in tags if tag.owner.target_id is not None]
@@ -70,8 +78,8 @@ def locate(detections: TagDetections, histories: Histories, rig: Rig, priors: Ma
         for name in misfits
     )
     fitting = tuple(body for body in bodies if body.body.id not in misfits)
-    view = View(camera.id, detections.stamp_s, carried, found, used, fitting, sightings)
-    return Located(found, view, sightings, unlisted, notes, _head_angles(camera, rig, carried, found))
+    view = View(camera.id, detections.stamp_s, believed, found, placed.anchors, fitting, sightings)
+    return Located(found, view, sightings, unlisted, notes, _head_angles(camera, rig, believed, found), carried)
 
 
 def _head_angles(
@@ -83,19 +91,38 @@ def _head_angles(
     return ()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Placed:
+    """The camera's pose after the anchors in view, what it was carried from, the anchors that agree with it, and what
+    is wrong with others.
+    """
+
+    pose: CameraPose | None
+    carried: CameraPose | None
+    anchors: tuple[SeenTag, ...]
+    notes: tuple[Event, ...]
+
+
 def _with_anchors(
     detections: TagDetections, camera: CameraSpec, carried: CameraPose | None, anchors: Sequence[SeenTag]
-) -> tuple[CameraPose | None, tuple[SeenTag, ...], tuple[Event, ...]]:
-    """Return the camera's pose after the anchors in view, those that agree with it, and what is wrong with others."""
+) -> _Placed:
+    """Correct the camera by the anchors in view. Where two and more of them agree with each other and none with its
+    calibration and readings, it is these that are wrong: it is placed by the anchors alone.
+    """
     single, repeated = without_repeats(anchors, lambda tag: _expected_px(camera, carried, tag, {}))
     notes = [_warning(detections, str(key), f"anchor more than once in the picture of {camera.id}") for key in repeated]
     if not single:
-        return carried, (), tuple(notes)
+        return _Placed(carried, carried, (), tuple(notes))
     if carried is None:
         belief = hovering(camera.mount) if isinstance(camera.mount, DroneMount) else None
         found = from_anchors_alone(camera.id, detections.stamp_s, single, belief)
     else:
         found = correct(carried, single)
+        if len(found.misplaced) == len(single) > 1:
+            alone = from_anchors_alone(camera.id, detections.stamp_s, single)
+            if alone.pose is not None and not alone.misplaced:
+                notes.append(_warning(detections, camera.id, _ELSEWHERE))
+                found, carried = alone, None
     notes += [
         _warning(detections, str(key), f"anchor is not where {camera.id} should see it: not used")
         for key in found.misplaced
@@ -105,7 +132,7 @@ def _with_anchors(
             _warning(detections, camera.id, "the anchors in view leave two camera poses to choose from: frame not used")
         )
     used = tuple(tag for tag in single if tag.key not in found.misplaced)
-    return found.pose, used, tuple(notes)
+    return _Placed(found.pose, carried, used, tuple(notes))
 
 
 def _expected_px(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from camrig import fuse
 from camrig.interfaces import Published
-from camrig.locate import Histories, View
+from camrig.locate import Drift, Histories, View
 from camrig.messages import (
     AxisReading,
     CameraPose,
@@ -78,6 +78,8 @@ class State:
     """What each camera's newest frame showed."""
     camera_poses: Mapping[str, CameraPose] = field(default_factory=dict)
     """The last known pose of each camera."""
+    drifts: Mapping[str, Drift] = field(default_factory=dict)
+    """How far each fixed camera, or camera on a head, is from where its calibration puts it."""
     steer: SteerState = field(default_factory=SteerState)
     flight: Mapping[str, FlightState] = field(default_factory=dict)
     links: Mapping[str, LinkReport] = field(default_factory=dict)

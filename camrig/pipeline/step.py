@@ -31,7 +31,7 @@ def step(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     plan, request, events = mission.advance(state.mission, rig, known, inputs.answer, settings.mission, now_s)
     steered, commands = steer(state.steer, plan.goal, known.pose, known.movable, rig, settings.steer, now_s)
     # What lasts is told once in a while; what happens is told each time, or the last word on a link would be wrong.
-    lasting = (*seen.notes, *fuse_notes, *watch.held_events(steered.held, now_s))
+    lasting = (*seen.notes, *fuse_notes, *watch.held_events(steered.held, now_s), *watch.camera_events(state, now_s))
     state, fresh = watch.without_repeats(replace(state, tracks=tracks, mission=plan, steer=steered), lasting)
     said = (*inputs.events, *link_events, *fresh, *events)
     published = Published(
@@ -78,11 +78,17 @@ def _see(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     else:
         together = locate.apart(tuple(each.view for each in found if each.view is not None))
     poses = {pose.camera_id: pose for pose in together.camera_poses}
+    histories = state.histories
+    for each in found:
+        if each.view is not None:
+            histories = locate.with_offset(histories, rig.cameras[each.view.camera_id], each.head_angles)
     state = replace(
         state,
+        histories=histories,
         pending=tuple(frame for frame in frames if frame not in ready),
         views={**state.views, **_newer(views, state.views)},
         camera_poses={**state.camera_poses, **_newer(poses, state.camera_poses)},
+        drifts=watch.with_corrections(state.drifts, found, poses, rig),
     )
     seen = Seen(
         sightings=tuple(sighting for each in found for sighting in each.sightings),

@@ -8,9 +8,11 @@ from dataclasses import replace
 
 from camrig.geometry.arrays import Transform
 from camrig.geometry.rotation import yaw_of
+from camrig.locate import Drift, Located, with_correction
 from camrig.messages import (
     Aim,
     AxisReading,
+    CameraPose,
     DroneAim,
     DroneReading,
     Event,
@@ -26,6 +28,8 @@ from camrig.pipeline.mission import Knowledge
 from camrig.pipeline.state import Inputs, State
 from camrig.rig import CameraSpec, DroneMount, FreeMount, HeadMount, Rig
 
+OFFSET_TOLD_S = 0.015
+"""Stamps of a camera and of its head further apart are worth a word."""
 REPEAT_S = 30.0
 """A lasting cause is told again after so long."""
 
@@ -110,6 +114,39 @@ def _drone_aim(T_world_body: Transform) -> DroneAim:
 def held_events(held: Mapping[str, str], now_s: float) -> tuple[Event, ...]:
     """Tell which devices the steering holds back, and why."""
     return tuple(Event(now_s, Level.WARNING, name, f"held back: {reason}") for name, reason in held.items())
+
+
+def with_corrections(
+    drifts: Mapping[str, Drift], found: Iterable[Located], poses: Mapping[str, CameraPose], rig: Rig
+) -> dict[str, Drift]:
+    """Return how far cameras are from where calibration and readings put them, after some frames and the ``poses`` that
+    everything together gave their cameras. Drones are left out: their own estimate wanders as it will.
+    """
+    after = dict(drifts)
+    for each in found:
+        carried = each.carried
+        pose = poses.get(carried.camera_id) if carried is not None else None
+        if carried is None or pose is None or isinstance(rig.cameras[pose.camera_id].mount, DroneMount):
+            continue
+        if pose.stamp_s == carried.stamp_s:
+            after[pose.camera_id] = with_correction(after.get(pose.camera_id), carried, pose)
+    return after
+
+
+def camera_events(state: State, now_s: float) -> tuple[Event, ...]:
+    """Tell which cameras have left where their calibration puts them, and whose stamps are far from their head's."""
+    told = []
+    for name, drift in state.drifts.items():
+        if drift.alarming:
+            off = f"{math.degrees(drift.turned_rad):.1f} deg and {1e3 * drift.moved_m:.0f} mm"
+            text = f"is {off} off where its calibration and readings put it, more than these allow: calibrate it again"
+            told.append(Event(now_s, Level.WARNING, name, text))
+    for name, offset in state.histories.offsets.items():
+        if abs(offset.offset_s) > OFFSET_TOLD_S and abs(offset.offset_s) > 5.0 * offset.sigma_s:
+            late = "late" if offset.offset_s > 0.0 else "early"
+            text = f"its head reports {abs(offset.offset_s):.2f} s {late} by its pictures: reckoned with"
+            told.append(Event(now_s, Level.INFO, name, text))
+    return tuple(told)
 
 
 def without_repeats(state: State, events: Iterable[Event]) -> tuple[State, tuple[Event, ...]]:

@@ -79,7 +79,10 @@ def status_of(view: View, rates_hz: Mapping[str, float], events: tuple[Event, ..
             target.id: _target(target, view.now_s)
             for target in mission.with_promises(view.targets, view.state.mission.plan)
         },
-        "cameras": {name: {**_link(view, name), "fps": _number(rates_hz.get(name), 1)} for name in view.rig.cameras},
+        "cameras": {
+            name: {**_link(view, name), "fps": _number(rates_hz.get(name), 1), **_camera(view, name)}
+            for name in view.rig.cameras
+        },
         "heads": {
             name: {**_link(view, name), **_head(view, name), "answers_hz": _number(rates_hz.get(name), 1)}
             for name in view.rig.heads
@@ -109,6 +112,20 @@ def _link(view: View, device: str) -> dict[str, object]:
             key: value if isinstance(value, int) else _number(value, 4)
             for key, value in view.statistics.get(device, {}).items()
         },
+    }
+
+
+def _camera(view: View, name: str) -> dict[str, object]:
+    """Tell how far a camera is from where its calibration puts it, and by how much its head reports late."""
+    drift, offset = view.state.drifts.get(name), view.state.histories.offsets.get(name)
+    return {
+        "drift": drift
+        and {
+            "turned_deg": _number(math.degrees(drift.turned_rad), 3),
+            "moved_m": _number(drift.moved_m, 5),
+            "alarming": drift.alarming,
+        },
+        "head_late_s": offset and {"mean": _number(offset.offset_s, 4), "sigma": _number(offset.sigma_s, 4)},
     }
 
 
