@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -17,7 +15,7 @@ from hypothesis import settings
 
 import camrig
 from camrig.geometry.jit import forget_outdated
-from tests.kernels import COMPILE
+from tests.kernels import compile_side_by_side
 
 # No example is judged by the clock: the first may compile a kernel, and the machine is shared. Exploration is for
 # people: where a run decides whether a change lands, every run draws the same examples.
@@ -36,7 +34,7 @@ def pytest_configure(config: pytest.Config) -> None:
     package = Path(camrig.__file__).parent
     if config.getoption("numprocesses", None) and not any(package.rglob("__pycache__/*.nbi")):
         # Once, before the workers: each would compile all of it, and daemons under test wait for a plan meanwhile.
-        subprocess.run([sys.executable, "-c", COMPILE], check=True)
+        compile_side_by_side()
 
 
 def _threads() -> set[str]:

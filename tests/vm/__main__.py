@@ -33,7 +33,7 @@ def main(arguments: Sequence[str]) -> int:
     except image.UnavailableError as reason:
         print(f"the VM's tests are skipped: {reason}")
         return 0
-    deploy()
+    deploy(kernels=options.command or options.tests != ["cameras"])  # of which those of cameras need none
     if options.command:
         boot = replace(CAMERAS, systemd=options.systemd)
         return run(boot, options.command, REPOSITORY, _environment(), options.timeout_s)

@@ -46,17 +46,18 @@ main()
 """
 
 
-def deploy() -> None:
-    """Bring the guest's /opt/camrig up to date with this repository."""
+def deploy(*, kernels: bool) -> None:
+    """Bring the guest's /opt/camrig up to date with this repository; ``kernels``: compiled too, for who runs camrig."""
     _lay_out()
     changed = [name for name, source in _PACKAGES.items() for name in _update(source, _SITE / name, name)]
     if any(name.startswith(tuple(f"camrig/{folder}/" for folder in KERNELS)) for name in changed):
         for kept in _SITE.rglob("__pycache__/*.nb?"):
             kept.unlink()
-    if not next(_SITE.rglob("__pycache__/*.nbc"), None):
-        print("compiling the kernels for the VM: some minutes", flush=True)
-    _run(COMPILE)
-    _lay_out_kernels()
+    if kernels:
+        if not next(_SITE.rglob("__pycache__/*.nbc"), None):
+            print("compiling the kernels for the VM: some minutes", flush=True)
+        _run(COMPILE)
+        _lay_out_kernels()
     _run("import compileall, sys; compileall.compile_dir(sys.path[0], quiet=2)")
 
 
