@@ -118,6 +118,8 @@ class Body:
     motion: str = "floor"
     """``floor`` (moves in the plane), ``free`` (moves in space) or ``static``."""
     weight: float = 1.0
+    height_m: float | None = None
+    """Of one on the floor: where its frame's origin always is over the plane z = 0, as far as the floor is flat."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

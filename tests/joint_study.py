@@ -35,11 +35,11 @@ class Row:
     n: int
 
 
-def study(size: tuple[int, int], anchors: bool, errors: Errors, scenes: int, seed: int) -> Row:
+def study(size: tuple[int, int], anchors: bool, errors: Errors, scenes: int, seed: int, known_height: bool) -> Row:
     """Draw scenes of a size, look once with every camera, and place every body that is seen."""
     joint_m, single_m, nees = [], [], []
     for scene in range(scenes):
-        floor = Floor(1000 * seed + scene, *size, anchors=anchors, errors=errors)
+        floor = Floor(1000 * seed + scene, *size, anchors, known_height, errors)
         views = floor.views()
         motions = fuse.motions(fuse.Tracks(), floor.rig, 1.0)
         for fix in locate.joint(views, (), motions, floor.rig).fixes:
@@ -59,13 +59,14 @@ def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     asked.add_argument("--scenes", type=int, default=40)
     asked.add_argument("--seed", type=int, default=1)
+    asked.add_argument("--known-height", action="store_true", help="bodies' heights stand in the rig's file")
     options = asked.parse_args()
     print("| what is wrong | anchors | heads, bodies | n | mean mm | 95 % mm | mean of singles mm | NEES | largest |")
     print("|--|--|--|--|--|--|--|--|--|")
     for kind, errors in KINDS.items():
         for anchors in (False, True):
             for size in SIZES:
-                row = study(size, anchors, errors, options.scenes, options.seed)
+                row = study(size, anchors, errors, options.scenes, options.seed, options.known_height)
                 print(
                     f"| {kind} | {4 if anchors else 0} | {size[0]}, {size[1]} | {row.n} | {row.mean_mm:.2f} "
                     f"| {row.p95_mm:.2f} | {row.single_mm:.2f} | {row.nees:.2f} | {row.largest_nees:.1f} |",

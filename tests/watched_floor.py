@@ -6,7 +6,7 @@ The corners are projected by OpenCV through the true lens, at the true pose; cam
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import cv2
@@ -49,6 +49,7 @@ class Floor:
     cameras: int = 5
     bodies: int = 10
     anchors: bool = False
+    known_height: bool = False
     errors: Errors = field(default_factory=Errors)
 
     def __post_init__(self) -> None:
@@ -75,7 +76,12 @@ class Floor:
             cameras,
             heads,
             {},
-            {f"b{k}": Body(f"b{k}", (BodyTag(_key(k), SIZE_M, np.eye(4)),)) for k in range(self.bodies)},
+            {
+                f"b{k}": Body(
+                    f"b{k}", (BodyTag(_key(k), SIZE_M, np.eye(4)),), height_m=0.0 if self.known_height else None
+                )
+                for k in range(self.bodies)
+            },
             tuple(
                 Anchor(_key(100 + k), SIZE_M, transform(np.eye(3), np.array([x, y, 0.0])))
                 for k, (x, y) in enumerate(anchors)
@@ -140,15 +146,29 @@ class Floor:
         T, lens = self.true_poses[camera_id], self.true_lenses[camera_id]
         found = [(tag.key, at[body.id]) for body in self.rig.targets.values() for tag in body.tags]
         found += [(anchor.key, anchor.T_world_tag) for anchor in self.rig.anchors]
-        tags = []
-        for key, T_world_tag in found:
-            corners = _project(lens, apply(invert(T) @ T_world_tag, SIZE_M * TAG_CORNERS))
-            if corners is None:
-                continue
-            sigma = float(refined_sigma_px(tag_width_px(corners)))
-            corners = corners + self.rng.normal(size=(4, 2)) * sigma * noise
-            tags.append(TagDetection(key, corners, tuple(corners.mean(axis=0)), 0, 80.0, (True,) * 4))
-        return TagDetections(camera_id, stamp_s, 0, SIZE_PX, tuple(tags), 0.0)
+        return detected(camera_id, stamp_s, 0, T, lens, found, self.rng, noise)
+
+
+def detected(
+    camera_id: str,
+    stamp_s: float,
+    number: int,
+    T_world_camera: Transform,
+    lens: BrownLens,
+    tags: Iterable[tuple[TagKey, Transform]],
+    rng: np.random.Generator,
+    noise: float = 1.0,
+) -> TagDetections:
+    """Return the tags (number and true ``T_world_tag``) that a camera truly there, with that lens, shows."""
+    found = []
+    for key, T_world_tag in tags:
+        corners = _project(lens, apply(invert(T_world_camera) @ T_world_tag, SIZE_M * TAG_CORNERS))
+        if corners is None:
+            continue
+        sigma = float(refined_sigma_px(tag_width_px(corners)))
+        corners = corners + rng.normal(size=(4, 2)) * sigma * noise
+        found.append(TagDetection(key, corners, tuple(corners.mean(axis=0)), 0, 80.0, (True,) * 4))
+    return TagDetections(camera_id, stamp_s, number, SIZE_PX, tuple(found), 0.0)
 
 
 def _project(lens: BrownLens, points: Array) -> Array | None:

@@ -188,11 +188,18 @@ class TargetModel(StrictModel):
     id: Name
     motion: Literal["floor", "free", "static"] = "floor"
     weight: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
+    height_m: Annotated[float, Field(ge=-100.0, le=100.0)] | None = None
     tags: Annotated[tuple[BodyTagModel, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _height_of_one_on_the_floor(self) -> TargetModel:
+        if self.height_m is not None and self.motion != "floor":
+            raise ValueError("height_m goes with motion: floor: what moves freely has no height of its own")
+        return self
 
     def build(self) -> Body:
         """Return the body of the rig."""
-        return Body(self.id, tuple(tag.build() for tag in self.tags), self.motion, self.weight)
+        return Body(self.id, tuple(tag.build() for tag in self.tags), self.motion, self.weight, self.height_m)
 
 
 class AnchorModel(StrictModel):

@@ -16,19 +16,24 @@ least variance (Schmidt-Kalman): what a fix and the estimate are both off by doe
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from camrig.fuse.settings import MotionModel
 from camrig.geometry.arrays import Array
-from camrig.geometry.rotation import rotation_exp, rotation_log
+from camrig.geometry.rotation import rotation_exp, rotation_log, rotation_z
 from camrig.messages import Fix, Seen
 
 CHANGING = 0.1
 """The part of what cameras add that gains count on as new in every fix, though it stays: heads and drones move, and an
 error taken for quite the same would be solved for from how differently it shows in two fixes.
 """
+
+
+_NO_TURN = 25.0
+"""A heading more than five sigma from where it is expected was not reached by turning."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +43,8 @@ class Belief:
     ``mean`` (6,) is [position, velocity]; ``white`` (6, 6) and
     ``sensitivity`` (k, 6, 10), by ``sources`` (k), the parts of its covariance; ``weighed`` (6, 6) is what the
     paper's weightings take for that. When each camera last saw it, and
-    with which of the paper's Q, is kept beside them.
+    with which of the paper's Q, is kept beside them. ``turning`` (2, 2) is the covariance of [heading,
+    ``turn_rate_rad_s``], the rate at which its way turns with its heading (0 where its motion knows none).
     """
 
     stamp_s: float
@@ -48,7 +54,8 @@ class Belief:
     sources: tuple[str, ...]
     seen: tuple[Seen, ...]
     R_world_body: Array
-    turn_variance: float
+    turn_rate_rad_s: float
+    turning: Array
     weighed: Array
 
     @property
@@ -73,7 +80,8 @@ def begin(fix: Fix, model: MotionModel, repeating: float) -> Belief:
         sources=sources,
         seen=fix.seen,
         R_world_body=fix.T_world_body[:3, :3],
-        turn_variance=_turn_variance(fix),
+        turn_rate_rad_s=0.0,
+        turning=np.diag([_turn_variance(fix), model.turn_sigma_rad_s**2]),
         weighed=weighed,
     )
 
@@ -84,6 +92,16 @@ def predict(belief: Belief, stamp_s: float, model: MotionModel) -> Belief:
     if dt_s <= 0.0:
         return belief
     F, Q = model.step(dt_s)
+    turned_rad, turning = 0.0, belief.turning
+    if model.turn_sigma_rad_s > 0.0:
+        turned_rad = belief.turn_rate_rad_s * dt_s
+        F, Q = _along_an_arc(F, Q, belief, turned_rad, dt_s)
+        keep = math.exp(-dt_s / model.turn_memory_s)
+        A = np.array([[1.0, dt_s], [0.0, keep]])
+        gained = model.turn_sigma_rad_s**2 * (1.0 - keep * keep)
+        turning = A @ turning @ A.T + gained * np.array([[dt_s**2 / 3.0, dt_s / 2.0], [dt_s / 2.0, 1.0]])
+        belief = replace(belief, turn_rate_rad_s=keep * belief.turn_rate_rad_s)
+    R_turned = rotation_z(turned_rad) if turned_rad else np.eye(3)
     return replace(
         belief,
         stamp_s=stamp_s,
@@ -91,8 +109,24 @@ def predict(belief: Belief, stamp_s: float, model: MotionModel) -> Belief:
         weighed=F @ belief.weighed @ F.T + Q,
         white=F @ belief.white @ F.T + Q,
         sensitivity=F @ belief.sensitivity,
-        turn_variance=belief.turn_variance + model.turn_rad2_s * dt_s,
+        R_world_body=R_turned @ belief.R_world_body,
+        turning=turning + np.diag([model.turn_rad2_s * dt_s, 0.0]),
     )
+
+
+def _along_an_arc(F: Array, Q: Array, belief: Belief, turned_rad: float, dt_s: float) -> tuple[Array, Array]:
+    """Return the transition of a velocity that turns meanwhile, and its noise with what is uncertain of the rate.
+
+    The chord of an arc leads half the angle aside and is shorter by sin(a/2) / (a/2).
+    """
+    half = 0.5 * turned_rad
+    F = F.copy()
+    F[:3, 3:] = math.sin(half) / half * (rotation_z(half) @ F[:3, 3:]) if half else F[:3, 3:]
+    F[3:, 3:] = rotation_z(turned_rad) @ F[3:, 3:]
+    vx, vy, _ = belief.mean[3:]
+    aside = np.array([-vy, vx, 0.0])
+    by_rate = np.concatenate([0.5 * dt_s**2 * aside, dt_s * aside])
+    return F, Q + float(belief.turning[1, 1]) * np.outer(by_rate, by_rate)
 
 
 def distance(belief: Belief, fix: Fix) -> float:
@@ -121,7 +155,7 @@ def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float) -> 
     K = np.linalg.solve(spread, across.T).T
     A = np.eye(6)
     A[:, :3] -= K
-    R_world_body, turn_variance = _turned(belief, fix)
+    R_world_body, turn_rate_rad_s, turning = _turned(belief, fix)
     return replace(
         belief,
         mean=belief.mean + K @ (fix.T_world_body[:3, 3] - belief.mean[:3]),
@@ -131,7 +165,8 @@ def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float) -> 
         sources=sources,
         seen=_latest(belief.seen, fix.seen),
         R_world_body=R_world_body,
-        turn_variance=turn_variance,
+        turn_rate_rad_s=turn_rate_rad_s,
+        turning=turning,
     )
 
 
@@ -160,8 +195,17 @@ def _turn_variance(fix: Fix) -> float:
     return float(np.trace(fix.whole[3:, 3:])) / 3.0
 
 
-def _turned(belief: Belief, fix: Fix) -> tuple[Array, float]:
-    """Turn the believed orientation towards the seen one, by the weight of each."""
-    gain = belief.turn_variance / (belief.turn_variance + _turn_variance(fix))
+def _turned(belief: Belief, fix: Fix) -> tuple[Array, float, Array]:
+    """Turn the believed orientation towards the seen one, by the weight of each, and the rate with it.
+
+    A heading too far off to be a turn (a body that was picked up) is taken as it is, and says nothing of the rate.
+    """
+    P = belief.turning
+    spread = float(P[0, 0]) + _turn_variance(fix)
+    gain = P[:, 0] / spread
     apart = rotation_log(fix.T_world_body[:3, :3] @ belief.R_world_body.T)
-    return np.asarray(rotation_exp(gain * apart) @ belief.R_world_body), (1.0 - gain) * belief.turn_variance
+    if apart[2] ** 2 > _NO_TURN * spread:
+        turning = np.diag([_turn_variance(fix), float(P[1, 1])])
+        return fix.T_world_body[:3, :3], belief.turn_rate_rad_s, turning
+    R_world_body = np.asarray(rotation_exp(gain[0] * apart) @ belief.R_world_body)
+    return R_world_body, belief.turn_rate_rad_s + float(gain[1] * apart[2]), P - spread * np.outer(gain, gain)

@@ -59,8 +59,8 @@ def predicted_poses(tracks: Tracks, stamp_s: float) -> dict[str, Transform]:
     for name, track in tracks.by_id.items():
         belief = track.state.belief
         if belief is not None and track.state.confirmed:
-            position = predict(belief, stamp_s, track.model).mean[:3]
-            poses[name] = transform(belief.R_world_body, position)
+            then = predict(belief, stamp_s, track.model)
+            poses[name] = transform(then.R_world_body, then.mean[:3])
     return poses
 
 
@@ -80,7 +80,7 @@ def _motion(track: Track | None, model: MotionModel, on_floor: bool, stamp_s: fl
         return Motion(stamp_s, None, np.zeros(3), np.diag(np.square(model.velocity_sigma_m_s)), density, turning)
     now = predict(belief, stamp_s, model)
     T_world_body = transform(now.R_world_body, now.mean[:3])
-    return Motion(stamp_s, T_world_body, now.mean[3:], now.published[3:, 3:], density, turning)
+    return Motion(stamp_s, T_world_body, now.mean[3:], now.published[3:, 3:], density, turning, now.turn_rate_rad_s)
 
 
 def _target(name: str, track: Track | None, now_s: float, settings: Settings) -> Target:

@@ -18,8 +18,10 @@ from camrig.locate.sightings import UPRIGHT_SIGMA_RAD
 from camrig.locate.tags import SeenTag
 from camrig.locate.views import View
 from camrig.messages import Motion, Seen
-from camrig.rig import Rig
+from camrig.rig import Body, Rig
 
+FLOOR_SIGMA_M = 0.001
+"""One sigma of the height of a body of which the rig's file says it: floors are not flat, nor wheels round."""
 LENS_INFORMATION: Array = np.diag(1.0 / np.square(TYPICAL_SIGMA))
 
 
@@ -108,7 +110,7 @@ def build(
         views=_written(rows),
         cameras=cameras,
         lens_information=np.repeat(LENS_INFORMATION[None], len(views), axis=0),
-        bodies=_body_priors([rig.targets[name].motion == "floor" for name in names], T_bodies),
+        bodies=_body_priors([rig.targets[name] for name in names], T_bodies),
         start=Estimate(T_cameras, np.zeros((len(views), 4)), T_bodies),
         prior_roots=roots,
         limit_chi2=np.array([_limit_chi2(row.tag) for row in rows]),
@@ -171,15 +173,21 @@ def _camera_priors(views: Sequence[View]) -> tuple[Poses, Array]:
     return Poses(T, information), roots
 
 
-def _body_priors(on_floor: Sequence[bool], T_bodies: Array) -> Poses:
-    """Return that bodies on the floor stand upright; where they start tells nothing."""
+def _body_priors(bodies: Sequence[Body], T_bodies: Array) -> Poses:
+    """Return that bodies on the floor stand upright, at their height where that is known; where they start tells
+    nothing.
+    """
     upright = np.diag([0.0, 0.0, 0.0, UPRIGHT_SIGMA_RAD**-2, UPRIGHT_SIGMA_RAD**-2, 0.0])
     information = np.zeros((len(T_bodies), 6, 6))
     stood_up = T_bodies.copy()
-    for b, floor in enumerate(on_floor):
-        if floor:
-            information[b] = upright
-            stood_up[b, :3, :3] = upright_rotation(T_bodies[b, :3, :3])
+    for b, body in enumerate(bodies):
+        if body.motion != "floor":
+            continue
+        information[b] = upright
+        stood_up[b, :3, :3] = upright_rotation(T_bodies[b, :3, :3])
+        if body.height_m is not None:
+            information[b, 2, 2] = FLOOR_SIGMA_M**-2
+            stood_up[b, 2, 3] = body.height_m
     return Poses(stood_up, information)
 
 

@@ -41,8 +41,8 @@ class Sighting:
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
     """How a body moves as far as is known: ``T_world_body`` at ``stamp_s`` (None = not known where), velocity (3,) with
-    its (3, 3) covariance, the density (3,) of its acceleration in m2/s3, and the variance (3,) that each second adds to
-    its orientation, by world axis.
+    its (3, 3) covariance, the density (3,) of its acceleration in m2/s3, the variance (3,) that each second adds to
+    its orientation, by world axis, and how fast its way turns about the vertical.
     """
 
     stamp_s: float
@@ -51,10 +51,13 @@ class Motion:
     velocity_covariance: Array
     acceleration_m2_s3: Array
     turn_rad2_s: Array
+    turn_rate_rad_s: float = 0.0
 
     def shift_m(self, dt_s: float) -> Array:
         """Return by what (3,) it is further on ``dt_s`` later or, negative, earlier."""
-        return self.velocity_m_s * dt_s
+        vx, vy, vz = self.velocity_m_s
+        bend = 0.5 * self.turn_rate_rad_s * dt_s
+        return np.array([vx - bend * vy, vy + bend * vx, vz]) * dt_s
 
     def spread(self, dt_s: float) -> Array:
         """Return the (6, 6) covariance (geometry.pose) of its pose ``dt_s`` later or earlier, given what it is now."""

@@ -69,6 +69,19 @@ def test_heads_that_point_badly_are_put_right_by_what_they_see_in_common(anchors
     assert float(np.mean(joint_mm)) < 0.3 * float(np.mean(mean_mm))
 
 
+def test_bodies_whose_height_is_known_are_placed_better_without_anchors() -> None:
+    free_mm: list[float] = []
+    known_mm: list[float] = []
+    for seed in range(8):
+        for known_height, errors_mm in ((False, free_mm), (True, known_mm)):
+            floor = Floor(seed, cameras=5, bodies=10, known_height=known_height, errors=POINTING)
+            for fix in together(floor, floor.views()).fixes:
+                error = error_m(fix, floor)
+                errors_mm.append(1e3 * float(np.hypot(*error[:2])))
+                assert float(error @ np.linalg.solve(fix.whole[:3, :3], error)) < 25.0
+    assert float(np.mean(known_mm)) < 0.9 * float(np.mean(free_mm))
+
+
 # --- how honest ---------------------------------------------------------------------------------------------
 
 

@@ -163,6 +163,7 @@ def test_a_drones_camera_looks_down_with_image_right_along_its_nose() -> None:
         (", mount: {head: pt2}", "", 7, "mount: is missing"),
         ("mount: {head: pt2}", "mount: {head: pt1}", 7, "'pt1' already carries camera 'north'"),
         ("lens: lab, source: {driver: fake}, mount: {head: pt2}", "lens: wide, source: {driver: fake}, mount: {head: pt2}", 7, "no lens 'wide'"),
+        ("id: robot1", "id: robot1, motion: free, height_m: 0.1", 12, "height_m goes with motion: floor"),
         ("id: 100, size_m: 0.2", "id: 7, size_m: 0.2", 14, "tag tag36h11:7 is already listed"),
         ("id: south", "id: north", 7, "'north' is already the id of cameras[0]"),
         ("tilt_deg: [-90, 10]", "tilt_deg: [10, -90]", 9, "the first limit must be below the second"),
