@@ -116,7 +116,7 @@ def _link(view: View, device: str) -> dict[str, object]:
 
 
 def _camera(view: View, name: str) -> dict[str, object]:
-    """Tell how far a camera is from where its calibration puts it, what was learnt of its lens, and how late its head."""
+    """Tell how far a camera is from its calibration's place, what was learnt of its lens, how late its head."""
     drift, offset = view.state.drifts.get(name), view.state.histories.offsets.get(name)
     return {
         "drift": drift
