@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from camrig.geometry.arrays import Transform
 from camrig.geometry.lens import Lens
+from camrig.geometry.lens.errors import TYPICAL_SIGMA, LensSigma
 from camrig.geometry.pan_tilt import PanTilt
 
 Interval = tuple[float, float]
@@ -49,12 +50,18 @@ Mount = HeadMount | DroneMount | FixedMount | FreeMount
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraSpec:
-    """One camera: its lens, what carries it, and its rolling-shutter read-out time (0 = global shutter)."""
+    """One camera: its lens, what carries it, and its rolling-shutter read-out time (0 = global shutter).
+
+    ``lens_sigma`` is what its calibration left wrong, one sigma (geometry.lens.errors); ``refine_lens`` whether that is
+    estimated in service.
+    """
 
     id: str
     lens: Lens
     mount: Mount
     readout_s: float = 0.0
+    refine_lens: bool = False
+    lens_sigma: LensSigma = TYPICAL_SIGMA
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -51,6 +51,7 @@ class Floor:
     anchors: bool = False
     known_height: bool = False
     errors: Errors = field(default_factory=Errors)
+    refine_lenses: bool = False
 
     def __post_init__(self) -> None:
         self.rng = rng = np.random.default_rng(self.seed)
@@ -67,8 +68,9 @@ class Floor:
             kinematics = PanTilt(transform(np.eye(3), np.array([x, y, z])))
             bias_rad = max(self.errors.pointing_rad, 1e-5)
             heads[f"h{k}"] = HeadSpec(f"h{k}", kinematics, (-4.0, 4.0), (-1.6, 0.2), 1.0, bias_sigma_rad=bias_rad)
-            cameras[f"c{k}"] = CameraSpec(f"c{k}", LENS, HeadMount(f"h{k}", MOUNT))
-            self._draw(f"c{k}", kinematics)
+            cameras[f"c{k}"] = CameraSpec(f"c{k}", LENS, HeadMount(f"h{k}", MOUNT), refine_lens=self.refine_lenses)
+            self._turn(f"c{k}", kinematics)
+            self.true_lenses[f"c{k}"] = self._lens()
         anchors = ((1.2, 0.8), (3.8, 0.8), (3.8, 2.2), (1.2, 2.2)) if self.anchors else ()
         self.rig = Rig(
             "floor",
@@ -88,15 +90,23 @@ class Floor:
             ),
         )
 
-    def _draw(self, name: str, kinematics: PanTilt) -> None:
-        """Aim a head, and draw what is wrong with it."""
-        self.aims[name] = pan, tilt = self._aim(kinematics.T_world_base)
+    def turn(self) -> None:
+        """Aim every head at other bodies; what is wrong with where it points is drawn anew."""
+        for k in range(self.cameras):
+            self._turn(f"c{k}", self.rig.heads[f"h{k}"].kinematics)
+
+    def _turn(self, name: str, kinematics: PanTilt) -> None:
+        """Aim a head, and draw what is wrong with its pose."""
+        before = self.aims.get(name, (math.inf, 0.0))
+        aim = self._aim(kinematics.T_world_base)
+        while math.dist(aim, before) < 0.02:  # the same bodies again
+            aim = self._aim(kinematics.T_world_base)
+        self.aims[name] = pan, tilt = aim
         off = self.rng.normal(size=2) * self.errors.pointing_rad
         T = kinematics.T_world_camera(pan + off[0], tilt + off[1], MOUNT)
         if self.errors.mounts:
             T = perturb(T, self.rng.normal(size=6) * np.sqrt(np.diag(MOUNT_COVARIANCE)))
         self.true_poses[name] = T
-        self.true_lenses[name] = self._lens()
 
     def _aim(self, base: Transform) -> tuple[float, float]:
         """Look at the middle of some bodies."""

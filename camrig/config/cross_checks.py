@@ -36,7 +36,16 @@ class Parts:
 def check(document: Document, parts: Parts) -> list[Fault]:
     """Return the faults that only several sections together show."""
     found: list[Finding] = []
-    for rule in (_unique_ids, _references, _one_camera_each, _tags_once, _families, _needs_anchor, _no_zoom):
+    for rule in (
+        _unique_ids,
+        _references,
+        _one_camera_each,
+        _tags_once,
+        _families,
+        _needs_anchor,
+        _no_zoom,
+        _refined_jointly,
+    ):
         found += rule(parts)
     return [document.fault(at, message) for at, message in found]
 
@@ -127,3 +136,11 @@ def _no_zoom(parts: Parts) -> Iterator[Finding]:
                 "give the lens at the zoom in use, or plan it off line with `camrig plan`"
             )
             yield (*at, "lens"), message
+
+
+def _refined_jointly(parts: Parts) -> Iterator[Finding]:
+    fusion = parts.data.get("fusion")
+    estimator = fusion.get("estimator", "joint") if isinstance(fusion, dict) else "joint"
+    for at, camera in parts.cameras.items():
+        if camera.refine_lens and estimator != "joint":
+            yield (*at, "refine_lens"), f"only fusion: {{estimator: joint}} refines lenses; this file has '{estimator}'"

@@ -12,6 +12,7 @@ from camrig.config.document import StrictModel
 from camrig.config.units import BoxM, Degrees, FloorM, LimitsDeg, Name, Point, PoseModel, radians
 from camrig.geometry.airspace import MIN_HEIGHT_M
 from camrig.geometry.arrays import Array, Transform
+from camrig.geometry.lens.errors import TYPICAL_SIGMA, LensSigma
 from camrig.geometry.pan_tilt import R_BODY_OPTICAL_DOWN, R_MOUNT_OPTICAL, PanTilt, aim_rotation
 from camrig.geometry.pose import transform
 from camrig.optimise.scene import Objective, Quality, Visibility
@@ -96,13 +97,27 @@ class MountModel(StrictModel):
         return FixedMount(self.fixed.build()) if self.fixed else FreeMount()
 
 
+class LensSigmaModel(StrictModel):
+    """One sigma of what a lens's calibration left wrong; what is not given is that of a good one."""
+
+    f_percent: Annotated[float, Field(gt=0.0, le=5.0)] = 100.0 * TYPICAL_SIGMA[0]
+    centre_px: Annotated[float, Field(gt=0.0, le=100.0)] = TYPICAL_SIGMA[1]
+    k1: Annotated[float, Field(gt=0.0, le=0.1)] = TYPICAL_SIGMA[3]
+
+    def build(self) -> LensSigma:
+        """Return it as geometry.lens.errors has it."""
+        return self.f_percent / 100.0, self.centre_px, self.centre_px, self.k1
+
+
 class CameraModel(StrictModel):
-    """One camera: which lens, which source, which mount."""
+    """One camera: which lens, which source, which mount; what its calibration left wrong, and if that is estimated."""
 
     id: Name
     lens: Name
     source: DeviceModel
     mount: MountModel
+    refine_lens: bool = False
+    lens_sigma: LensSigmaModel = LensSigmaModel()
 
 
 class HeadModel(DeviceModel):

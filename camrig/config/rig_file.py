@@ -110,6 +110,11 @@ def load_rig(path: Path) -> RigConfig:
     return _Reader(Sections(load_document(path))).read()
 
 
+def _camera(camera: CameraModel, lens: LensModel) -> CameraSpec:
+    mount, sigma = camera.mount.build(), camera.lens_sigma.build()
+    return CameraSpec(camera.id, lens.build(), mount, lens.readout_s, camera.refine_lens, sigma)
+
+
 def _with_key(device: DeviceConfig, key: str, value: str) -> DeviceConfig:
     raw = {**device.raw, key: value}
     own = {name: given for name, given in raw.items() if name != "driver"}
@@ -144,7 +149,7 @@ class _Reader:
         }
         specs: dict[DeviceGroup, dict[KeyPath, Any]] = {
             "cameras": {
-                at: CameraSpec(camera.id, lens.build(), camera.mount.build(), lens.readout_s)
+                at: _camera(camera, lens)
                 for at, camera in cameras.items()
                 if isinstance(lens := lenses.get(camera.lens), LensModel)
             },

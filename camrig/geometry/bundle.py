@@ -8,14 +8,15 @@ sections 3 and 6.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from camrig.geometry.arrays import Array
 from camrig.geometry.bundle_kernel import CAMERA, Indices, accumulate
-from camrig.geometry.pnp_kernel import add_priors, move_stack
+from camrig.geometry.pnp_kernel import MIN_DEPTH_M, add_priors, move_stack
+from camrig.geometry.pose import PosePriors
 
 _STEPS = 12
 _DONE = 1e-3
@@ -42,6 +43,11 @@ class Views:
     whitener: Array
     lens_slopes: Array
 
+    def weighed(self, weight: Array) -> Views:
+        """Return them with (m,) times the information."""
+        root = np.sqrt(weight)[:, None, None, None]
+        return replace(self, whitener=root * self.whitener, lens_slopes=root * self.lens_slopes)
+
     def only(self, kept: npt.NDArray[np.bool_]) -> Views:
         """Return some of the views."""
         parts = (self.camera, self.body, self.corners_m, self.shift_m, self.spread)
@@ -49,10 +55,10 @@ class Views:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Poses:
-    """(k, 4, 4) poses and the (k, 6, 6) information there is on them beforehand (zero = none)."""
+class LensPriors:
+    """What is known of c lenses' errors (geometry.lens.errors) beforehand: (c, 4) mean and (c, 4, 4) information."""
 
-    T: Array
+    mean: Array
     information: Array
 
 
@@ -95,13 +101,13 @@ class _Normal:
     cost: float
 
 
-def adjust(views: Views, cameras: Poses, lens_information: Array, bodies: Poses, start: Estimate) -> Adjusted:
+def adjust(views: Views, cameras: PosePriors, lenses: LensPriors, bodies: PosePriors, start: Estimate) -> Adjusted:
     """Minimise the robust sum of squares of all corners and priors by Levenberg-Marquardt, begun at ``start``.
 
-    ``lens_information`` is (c, 4, 4). Every camera needs a prior or anchors in view, every body a view.
+    Every camera needs a prior or anchors in view, every body a view.
     """
     at, damping = start, 0.0
-    normal = _normal(views, cameras, lens_information, bodies, at)
+    normal = _normal(views, cameras, lenses, bodies, at)
     for _ in range(_STEPS):
         camera_step, body_step = _step(normal, damping)
         moved = Estimate(
@@ -109,7 +115,7 @@ def adjust(views: Views, cameras: Poses, lens_information: Array, bodies: Poses,
             at.lenses + camera_step[:, 6:],
             move_stack(at.bodies, body_step),
         )
-        there = _normal(views, cameras, lens_information, bodies, moved)
+        there = _normal(views, cameras, lenses, bodies, moved)
         gain = -float((camera_step * normal.gc).sum() + (body_step * normal.gb).sum())
         if there.cost <= normal.cost:
             at, normal, damping = moved, there, 0.1 * damping if damping > 1e-6 else 0.0
@@ -120,7 +126,35 @@ def adjust(views: Views, cameras: Poses, lens_information: Array, bodies: Poses,
     return _with_covariance(at, normal)
 
 
-def _normal(views: Views, cameras: Poses, lens_information: Array, bodies: Poses, at: Estimate) -> _Normal:
+def projected(views: Views, at: Estimate) -> Array:
+    """Return the (m, 4, 2) ideal points at which an estimate has the corners, through lenses without error."""
+    T = np.concatenate([at.bodies, np.eye(4)[None]])[views.body]  # the last is the room's, body -1
+    points = views.corners_m @ T[:, :3, :3].swapaxes(1, 2) + (T[:, :3, 3] + views.shift_m)[:, None]
+    T = at.cameras[views.camera]
+    points = (points - T[:, None, :3, 3]) @ T[:, :3, :3]
+    return np.asarray(points[..., :2] / np.maximum(points[..., 2:], MIN_DEPTH_M))
+
+
+def camera_evidence(views: Views, bodies: PosePriors, at: Estimate) -> tuple[Array, Array]:
+    """Return what the views say of the c cameras by themselves, whatever the bodies' poses are: the information
+    (10 c, 10 c) on their errors, and the gradient (10 c,) of half the sum of squares, at an estimate.
+
+    ``views.lens_slopes`` must be those at the ``projected`` points. At the corners as seen they go along with the noise
+    of these, and where poses take up nearly all that a lens does, what is left is that.
+    """
+    c = len(at.cameras)
+    nothing = PosePriors(at.cameras, np.zeros((c, 6, 6)))
+    vague = PosePriors(bodies.T, bodies.information + _VAGUE)
+    normal = _normal(views, nothing, LensPriors(at.lenses, np.zeros((c, 4, 4))), vague, at)
+    _, Y, S = _eliminated(normal, 0.0)
+    return 0.5 * (S + S.T), normal.gc.ravel() - np.einsum("bij,bi->j", Y, normal.gb)
+
+
+_VAGUE: Array = np.diag([1e-4] * 3 + [1e-2] * 3)
+"""Information on a pose, by m2 and rad2, that is as good as none."""
+
+
+def _normal(views: Views, cameras: PosePriors, lenses: LensPriors, bodies: PosePriors, at: Estimate) -> _Normal:
     """Linearise all corners and priors about an estimate."""
     c, b = len(at.cameras), len(at.bodies)
     Hcc, Hbc, Hbb = np.zeros((c, CAMERA, CAMERA)), np.zeros((b, 6, CAMERA * c)), np.zeros((b, 6, 6))
@@ -131,10 +165,11 @@ def _normal(views: Views, cameras: Poses, lens_information: Array, bodies: Poses
     )  # fmt: skip
     cost += add_priors(at.cameras, cameras.T, cameras.information, Hcc, gc)
     cost += add_priors(at.bodies, bodies.T, bodies.information, Hbb, gb)
-    weighted = (lens_information @ at.lenses[..., None])[..., 0]
-    Hcc[:, 6:, 6:] += lens_information
+    off = at.lenses - lenses.mean
+    weighted = (lenses.information @ off[..., None])[..., 0]
+    Hcc[:, 6:, 6:] += lenses.information
     gc[:, 6:] += weighted
-    return _Normal(Hcc, Hbc, Hbb, gc, gb, chi2, cost + float((at.lenses * weighted).sum()))
+    return _Normal(Hcc, Hbc, Hbb, gc, gb, chi2, cost + float((off * weighted).sum()))
 
 
 def _step(normal: _Normal, damping: float) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.corner_noise import detected_sigma_px, refined_sigma_px, tag_width_px
 from camrig.geometry.lens import Lens
 from camrig.geometry.pnp_kernel import MIN_DEPTH_M, refine_stack
-from camrig.geometry.pose import transform
+from camrig.geometry.pose import PosePriors, transform
 
 TAG_CORNERS = np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]])
 """p0..p3 of a tag of size 1 in the tag frame: bottom-left, bottom-right, top-right, top-left (AprilTag's order)."""
@@ -57,14 +57,6 @@ class SquarePose:
 
     T_camera_tag: Transform
     rms_px: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PosePrior:
-    """What is known of (m, 4, 4) poses beforehand: (m, 6, 6) information (inverse covariance; zero = nothing)."""
-
-    T_camera_body: Array
-    information: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +111,7 @@ def square_poses(ideal: Array, px_per_ideal: Array, size_m: float) -> tuple[Squa
 
 
 def refine(
-    T_camera_body: Array, points_body: Array, ideal: Array, whitener: Array, prior: PosePrior | None = None
+    T_camera_body: Array, points_body: Array, ideal: Array, whitener: Array, prior: PosePriors | None = None
 ) -> PoseFit:
     """Least squares (Levenberg-Marquardt) for a stack of m independent poses, started at (m, 4, 4).
 
@@ -128,9 +120,9 @@ def refine(
     """
     m = len(T_camera_body)
     T, H, chi2 = T_camera_body.copy(), np.zeros((m, 6, 6)), np.zeros(m)
-    known = PosePrior(T_camera_body, np.zeros((m, 6, 6))) if prior is None else prior
+    known = PosePriors(T_camera_body, np.zeros((m, 6, 6))) if prior is None else prior
     points, at, by = (np.ascontiguousarray(part, float) for part in (points_body, ideal, whitener))
-    refine_stack(T, points, at, by, known.T_camera_body, known.information, H, chi2)
+    refine_stack(T, points, at, by, known.T, known.information, H, chi2)
     residual, _ = whitened_residuals(T, points_body, ideal, whitener)
     used = np.maximum((whitener != 0.0).any(axis=(2, 3)).sum(axis=1), 1)
     return PoseFit(

@@ -6,10 +6,20 @@ frame (the first in the name): ``t_true = t + d``, ``R_true = exp(r) R``. This i
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.rotation import rotation_exp, rotation_log, skew
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosePriors:
+    """What is known of (k, 4, 4) poses beforehand: their (k, 6, 6) information (inverse covariance; zero = nothing)."""
+
+    T: Array
+    information: Array
 
 
 def transform(R: Array, t: Array) -> Transform:

@@ -6,17 +6,21 @@ from camrig.locate.drift import Drift, with_correction
 from camrig.locate.head_angles import with_offset
 from camrig.locate.history import AxisHistory, DroneHistory, HeadHistory, HeadState, Histories
 from camrig.locate.joint import joint, warm_up
+from camrig.locate.lenses import AS_CALIBRATED, Lenses, Refined
 from camrig.locate.one_frame import Located, locate
 from camrig.locate.views import Together, View, apart
 
 __all__ = [
+    "AS_CALIBRATED",
     "AxisHistory",
     "Drift",
     "DroneHistory",
     "HeadHistory",
     "HeadState",
     "Histories",
+    "Lenses",
     "Located",
+    "Refined",
     "Together",
     "View",
     "apart",

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
-from camrig.geometry.pnp import PoseFit, PosePrior, refine, square_poses, whitened_residuals
-from camrig.geometry.pose import inverse_covariance_pose, invert
+from camrig.geometry.pnp import PoseFit, refine, square_poses, whitened_residuals
+from camrig.geometry.pose import PosePriors, inverse_covariance_pose, invert
 from camrig.locate.fit import SAME_RAD, angle_between, clearly_better, inflation, residual_limit_px
 from camrig.locate.tags import SeenTag
 from camrig.messages import CameraPose
@@ -39,7 +39,7 @@ def correct(prior: CameraPose, anchors: Sequence[SeenTag]) -> Corrected:
     T_camera_world, covariance = inverse_covariance_pose(prior.T_world_camera, prior.covariance)
     fitting = [anchor for anchor in anchors if _gate_chi2(anchor, T_camera_world, covariance) <= GATE_CHI2]
     information = np.linalg.inv(covariance)[None]
-    belief = PosePrior(T_camera_world[None], np.asarray(information, float))
+    belief = PosePriors(T_camera_world[None], np.asarray(information, float))
     while fitting:
         fit = _fit(T_camera_world[None], fitting, belief)
         worst = _worst(fit.T_camera_body[0], fitting)
@@ -51,7 +51,7 @@ def correct(prior: CameraPose, anchors: Sequence[SeenTag]) -> Corrected:
     return Corrected(prior, _missing(anchors, fitting))
 
 
-Belief = Callable[[Sequence[Transform]], PosePrior]
+Belief = Callable[[Sequence[Transform]], PosePriors]
 """What is known of a camera's tilt alone: the prior of each ``T_camera_world`` from which a fit starts."""
 
 
@@ -84,7 +84,7 @@ def _starts(anchors: Sequence[SeenTag]) -> list[Transform]:
     return [T for T in starts if (corners @ T[2, :3] + T[2, 3] > 0.0).all()]
 
 
-def _fit(starts: Array, anchors: Sequence[SeenTag], prior: PosePrior | None) -> PoseFit:
+def _fit(starts: Array, anchors: Sequence[SeenTag], prior: PosePriors | None) -> PoseFit:
     m = len(starts)
     corners, ideal, whitener = (
         np.repeat(np.concatenate(parts)[None], m, axis=0)

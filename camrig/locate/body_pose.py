@@ -11,8 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camrig.geometry.arrays import Transform
-from camrig.geometry.pnp import PosePrior
-from camrig.geometry.pose import compose, inverse_covariance_pose, invert, transform
+from camrig.geometry.pose import PosePriors, compose, inverse_covariance_pose, invert, transform
 from camrig.geometry.rotation import rotation_z, yaw_of
 from camrig.locate.anchors import Belief, from_anchors_alone
 from camrig.locate.camera_pose import MOUNT_COVARIANCE
@@ -41,12 +40,12 @@ def hovering(mount: DroneMount) -> Belief:
     """
     covariance = np.diag([VAGUE_M**2] * 3 + [TILT_RAD**2] * 2 + [VAGUE_RAD**2])
 
-    def belief(starts: Sequence[Transform]) -> PosePrior:
+    def belief(starts: Sequence[Transform]) -> PosePriors:
         levelled = [_levelled(invert(mount.T_body_camera @ T_camera_world)) for T_camera_world in starts]
         cameras = [compose(T, covariance, mount.T_body_camera, np.zeros((6, 6))) for T in levelled]
         priors = [inverse_covariance_pose(*camera) for camera in cameras]
         information = [np.linalg.inv(C) for _, C in priors]
-        return PosePrior(np.stack([T for T, _ in priors]), np.stack(information))
+        return PosePriors(np.stack([T for T, _ in priors]), np.stack(information))
 
     return belief
 

@@ -13,11 +13,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
-from camrig.geometry.bundle import Adjusted, Estimate, Poses, Views, adjust
+from camrig.geometry.bundle import Adjusted, Estimate, LensPriors, Views, adjust
 from camrig.geometry.pnp import refine
-from camrig.geometry.pose import transform
+from camrig.geometry.pose import PosePriors, transform
 from camrig.locate.fit import angle_between, inflation
 from camrig.locate.joint_problem import Problem, build
+from camrig.locate.learn_lenses import learn
+from camrig.locate.lenses import AS_CALIBRATED, Lenses
 from camrig.locate.views import Together, View
 from camrig.messages import CameraPose, Event, Fix, Level, Motion, Sighting
 from camrig.rig import Body, Rig
@@ -29,11 +31,17 @@ _CONTRADICTION = 9.0
 """A view more than three sigma from an orientation counts as three: one flipped pose must not rule."""
 
 
-def joint(fresh: Sequence[View], others: Sequence[View], motions: Mapping[str, Motion], rig: Rig) -> Together:
+def joint(
+    fresh: Sequence[View],
+    others: Sequence[View],
+    motions: Mapping[str, Motion],
+    rig: Rig,
+    lenses: Lenses = AS_CALIBRATED,
+) -> Together:
     """Estimate the cameras and bodies of the ``fresh`` views and of the ``others`` near them in time; return a fix of
     every body that a fresh view shows, at that view's stamp, and the pose of every fresh camera.
 
-    One view per camera. ``motions`` tells how each target moves, by id.
+    One view per camera. ``motions`` tells how each target moves, by id, ``lenses`` what earlier estimates have learnt.
     """
     if not fresh:
         return Together()
@@ -49,7 +57,8 @@ def joint(fresh: Sequence[View], others: Sequence[View], motions: Mapping[str, M
         name: (seen[0].stamp_s, _start(seen[0].stamp_s, seen, motions[name], rig.targets[name]))
         for name, seen in sightings.items()
     }
-    problem = build(views, starts, motions, rig)
+    priors = lenses.priors([rig.cameras[view.camera_id] for view in views])
+    problem = build(views, starts, motions, rig, priors)
     found, problem, spoilt = _solve(problem)
     fresh_bodies = {seen.body.id for view in fresh for seen in view.bodies}
     fixes = [
@@ -57,7 +66,8 @@ def joint(fresh: Sequence[View], others: Sequence[View], motions: Mapping[str, M
     ]
     notes = [_contradiction(problem, b) for b in sorted(spoilt)]
     poses = [_camera_pose(problem, c, found) for c in range(len(fresh)) if problem.placed(c)]
-    return Together(tuple(fixes), tuple(poses), tuple(notes))
+    lenses, learnt = learn(lenses, problem, found, rig)
+    return Together(tuple(fixes), tuple(poses), (*notes, *learnt), lenses)
 
 
 def _start(stamp_s: float, seen: Sequence[Sighting], motion: Motion, body: Body) -> Transform:
@@ -89,7 +99,7 @@ def _solve(problem: Problem) -> tuple[Adjusted, Problem, frozenset[int]]:
     """
     spoilt: frozenset[int] = frozenset()
     had = np.bincount(problem.views.body[problem.views.body >= 0], minlength=len(problem.names))
-    found = adjust(problem.views, problem.cameras, problem.lens_information, problem.bodies, problem.start)
+    found = adjust(problem.views, problem.cameras, problem.lenses, problem.bodies, problem.start)
     while (excess := problem.excess(found.chi2)).max(initial=0.0) > 1.0:
         worst = int(np.argmax(excess))
         b = int(problem.views.body[worst])
@@ -100,7 +110,7 @@ def _solve(problem: Problem) -> tuple[Adjusted, Problem, frozenset[int]]:
             left &= problem.views.body != b
         problem = problem.only(left)
         spoilt |= problem.unseen()
-        found = adjust(problem.views, problem.cameras, problem.lens_information, problem.bodies, found.estimate)
+        found = adjust(problem.views, problem.cameras, problem.lenses, problem.bodies, found.estimate)
     return found, problem, spoilt
 
 
@@ -149,5 +159,6 @@ def warm_up() -> None:
     refine(eye, square, ideal, whitener)
     first = np.zeros(1, dtype=np.int64)
     views = Views(first, first, square, np.zeros((1, 3)), np.eye(6)[None], ideal, whitener, np.zeros((1, 4, 2, 4)))
-    known = Poses(eye, np.eye(6)[None])
-    adjust(views, known, np.eye(4)[None], known, Estimate(eye, np.zeros((1, 4)), eye))
+    known = PosePriors(eye, np.eye(6)[None])
+    lenses = LensPriors(np.zeros((1, 4)), np.eye(4)[None])
+    adjust(views, known, lenses, known, Estimate(eye, np.zeros((1, 4)), eye))

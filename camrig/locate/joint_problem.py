@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 import numpy.typing as npt
 
 from camrig.geometry.arrays import Array, Transform
-from camrig.geometry.bundle import Estimate, Poses, Views
+from camrig.geometry.bundle import Estimate, LensPriors, Views
 from camrig.geometry.bundle_kernel import CAMERA
-from camrig.geometry.lens.errors import TYPICAL_SIGMA
+from camrig.geometry.pose import PosePriors
 from camrig.geometry.rotation import upright_rotation
 from camrig.locate.fit import residual_limit_px
 from camrig.locate.sightings import UPRIGHT_SIGMA_RAD
@@ -22,7 +23,6 @@ from camrig.rig import Body, Rig
 
 FLOOR_SIGMA_M = 0.001
 """One sigma of the height of a body of which the rig's file says it: floors are not flat, nor wheels round."""
-LENS_INFORMATION: Array = np.diag(1.0 / np.square(TYPICAL_SIGMA))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,8 @@ class Problem:
 
     ``prior_roots`` (c, 10, 10) turns the covariance of anything with a camera's unknowns into the factor by which that
     camera's prior errors, as unit normal numbers, move it: the transposed inverse of the prior's Cholesky factor, zero
-    where a camera has no prior. ``limit_chi2`` (m,) is what a view's chi2 may be.
+    where a camera has no prior. ``limit_chi2`` (m,) is what a view's chi2 may be,
+    ``rows`` (m) each view's camera and tag.
     """
 
     camera_ids: tuple[str, ...]
@@ -40,12 +41,13 @@ class Problem:
     stamps_s: tuple[float, ...]
     seen: tuple[tuple[Seen, ...], ...]
     views: Views
-    cameras: Poses
-    lens_information: Array
-    bodies: Poses
+    cameras: PosePriors
+    lenses: LensPriors
+    bodies: PosePriors
     start: Estimate
     prior_roots: Array
     limit_chi2: Array
+    rows: tuple[tuple[int, SeenTag], ...]
 
     def excess(self, chi2: Array) -> Array:
         """Return by how much (m,) each view exceeds what its chi2 may be; above 1 it is not believed."""
@@ -61,6 +63,7 @@ class Problem:
             self,
             views=views,
             limit_chi2=self.limit_chi2[kept],
+            rows=tuple(compress(self.rows, kept)),
             cameras=_held(self.cameras, views.camera),
             bodies=_held(self.bodies, views.body),
         )
@@ -85,21 +88,26 @@ class Problem:
         return np.asarray(kept & tied[camera])
 
 
-def _held(known: Poses, seen: npt.NDArray[np.int64]) -> Poses:
+def _held(known: PosePriors, seen: npt.NDArray[np.int64]) -> PosePriors:
     information = known.information.copy()
     for k in np.setdiff1d(np.arange(len(known.T)), seen):
         information[k] += np.diag((np.diag(information[k]) <= 0.0).astype(float))
-    return Poses(known.T, information)
+    return PosePriors(known.T, information)
 
 
 def build(
-    views: Sequence[View], starts: Mapping[str, tuple[float, Transform]], motions: Mapping[str, Motion], rig: Rig
+    views: Sequence[View],
+    starts: Mapping[str, tuple[float, Transform]],
+    motions: Mapping[str, Motion],
+    rig: Rig,
+    lenses: LensPriors,
 ) -> Problem:
-    """Write out the views; ``starts`` is when and where each body is to be placed, by id."""
+    """Write out the views; ``starts`` is when and where each body is to be placed, by id, ``lenses`` are the views'."""
     names = tuple(starts)
     T_cameras = np.stack([view.found.T_world_camera for view in views])
     T_bodies = np.stack([T for _, T in starts.values()]) if names else np.zeros((0, 4, 4))
     cameras, roots = _camera_priors(views)
+    roots[:, 6:, 6:] = np.linalg.cholesky(lenses.information)
     rows = tuple(_rows(views, names, starts, motions))
     return Problem(
         camera_ids=tuple(view.camera_id for view in views),
@@ -109,11 +117,12 @@ def build(
         seen=tuple(_seen(name, views) for name in names),
         views=_written(rows),
         cameras=cameras,
-        lens_information=np.repeat(LENS_INFORMATION[None], len(views), axis=0),
+        lenses=lenses,
         bodies=_body_priors([rig.targets[name] for name in names], T_bodies),
-        start=Estimate(T_cameras, np.zeros((len(views), 4)), T_bodies),
+        start=Estimate(T_cameras, lenses.mean, T_bodies),
         prior_roots=roots,
         limit_chi2=np.array([_limit_chi2(row.tag) for row in rows]),
+        rows=tuple((row.camera, row.tag) for row in rows),
     )
 
 
@@ -161,19 +170,18 @@ def _written(rows: Sequence[_Row]) -> Views:
     )
 
 
-def _camera_priors(views: Sequence[View]) -> tuple[Poses, Array]:
-    """Return what carriers say of their cameras, and ``Problem.prior_roots``."""
+def _camera_priors(views: Sequence[View]) -> tuple[PosePriors, Array]:
+    """Return what carriers say of their cameras, and their part of ``Problem.prior_roots``."""
     T = np.stack([(view.carried or view.found).T_world_camera for view in views])
     information, roots = np.zeros((len(views), 6, 6)), np.zeros((len(views), CAMERA, CAMERA))
     for c, view in enumerate(views):
         if view.carried is not None:
             root = np.linalg.inv(np.linalg.cholesky(view.carried.covariance))
             information[c], roots[c, :6, :6] = root.T @ root, root.T
-    roots[:, 6:, 6:] = np.diag(1.0 / np.asarray(TYPICAL_SIGMA))
-    return Poses(T, information), roots
+    return PosePriors(T, information), roots
 
 
-def _body_priors(bodies: Sequence[Body], T_bodies: Array) -> Poses:
+def _body_priors(bodies: Sequence[Body], T_bodies: Array) -> PosePriors:
     """Return that bodies on the floor stand upright, at their height where that is known; where they start tells
     nothing.
     """
@@ -188,7 +196,7 @@ def _body_priors(bodies: Sequence[Body], T_bodies: Array) -> Poses:
         if body.height_m is not None:
             information[b, 2, 2] = FLOOR_SIGMA_M**-2
             stood_up[b, 2, 3] = body.height_m
-    return Poses(stood_up, information)
+    return PosePriors(stood_up, information)
 
 
 def _seen(name: str, views: Sequence[View]) -> tuple[Seen, ...]:

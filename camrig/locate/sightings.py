@@ -11,8 +11,8 @@ import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.lens import Lens
-from camrig.geometry.pnp import PoseFit, PosePrior, refine, square_poses, whitened_residuals
-from camrig.geometry.pose import apply, compose, difference, invert, transform
+from camrig.geometry.pnp import PoseFit, refine, square_poses, whitened_residuals
+from camrig.geometry.pose import PosePriors, apply, compose, difference, invert, transform
 from camrig.geometry.rotation import upright_rotation
 from camrig.locate.fit import NOISE_CHI2, SAME_RAD, angle_between, clearly_better, inflation, residual_limit_px
 from camrig.locate.tags import SeenTag
@@ -142,7 +142,7 @@ def _fit(started: Sequence[tuple[SeenBody, list[Transform]]], camera: CameraPose
             T_prior[rows] = [_stood_up(start, camera.T_world_camera) for start in starts]
             information[rows, 3:, 3:] = upright
         row += len(starts)
-    return refine(T, corners, ideal, whitener, PosePrior(T_prior, information))
+    return refine(T, corners, ideal, whitener, PosePriors(T_prior, information))
 
 
 def _lean_variance(camera: CameraPose) -> float:

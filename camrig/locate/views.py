@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from camrig.locate.lenses import Lenses
 from camrig.locate.sightings import SeenBody
 from camrig.locate.tags import SeenTag
 from camrig.messages import CameraPose, Event, Fix, Seen, Sighting
@@ -32,11 +33,12 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Together:
-    """What frames of several cameras tell."""
+    """What frames of several cameras tell; ``lenses`` is None where nothing is learnt of them."""
 
     fixes: tuple[Fix, ...] = ()
     camera_poses: tuple[CameraPose, ...] = ()
     notes: tuple[Event, ...] = ()
+    lenses: Lenses | None = None
 
 
 def apart(views: Sequence[View]) -> Together:

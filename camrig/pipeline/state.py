@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from camrig import fuse
 from camrig.interfaces import Published
-from camrig.locate import Drift, Histories, View
+from camrig.locate import AS_CALIBRATED, Drift, Histories, Lenses, View
 from camrig.messages import (
     AxisReading,
     CameraPose,
@@ -80,6 +80,8 @@ class State:
     """The last known pose of each camera."""
     drifts: Mapping[str, Drift] = field(default_factory=dict)
     """How far each fixed camera, or camera on a head, is from where its calibration puts it."""
+    lenses: Lenses = AS_CALIBRATED
+    """What was learnt of the cameras' lenses since the start."""
     steer: SteerState = field(default_factory=SteerState)
     flight: Mapping[str, FlightState] = field(default_factory=dict)
     links: Mapping[str, LinkReport] = field(default_factory=dict)

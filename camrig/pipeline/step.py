@@ -74,7 +74,7 @@ def _see(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     views = {each.view.camera_id: each.view for each in found if each.view is not None}
     if settings.fuse.estimator == "joint":
         motions = fuse.motions(state.tracks, rig, now_s, settings.fuse)
-        together = locate.joint(tuple(views.values()), tuple(state.views.values()), motions, rig)
+        together = locate.joint(tuple(views.values()), tuple(state.views.values()), motions, rig, state.lenses)
     else:
         together = locate.apart(tuple(each.view for each in found if each.view is not None))
     poses = {pose.camera_id: pose for pose in together.camera_poses}
@@ -89,6 +89,7 @@ def _see(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
         views={**state.views, **_newer(views, state.views)},
         camera_poses={**state.camera_poses, **_newer(poses, state.camera_poses)},
         drifts=watch.with_corrections(state.drifts, found, poses, rig),
+        lenses=together.lenses or state.lenses,
     )
     seen = Seen(
         sightings=tuple(sighting for each in found for sighting in each.sightings),

@@ -116,7 +116,7 @@ def _link(view: View, device: str) -> dict[str, object]:
 
 
 def _camera(view: View, name: str) -> dict[str, object]:
-    """Tell how far a camera is from where its calibration puts it, and by how much its head reports late."""
+    """Tell how far a camera is from its calibration's place, what was learnt of its lens, how late its head."""
     drift, offset = view.state.drifts.get(name), view.state.histories.offsets.get(name)
     return {
         "drift": drift
@@ -125,7 +125,22 @@ def _camera(view: View, name: str) -> dict[str, object]:
             "moved_m": _number(drift.moved_m, 5),
             "alarming": drift.alarming,
         },
+        "lens_refined": _lens(view, name),
         "head_late_s": offset and {"mean": _number(offset.offset_s, 4), "sigma": _number(offset.sigma_s, 4)},
+    }
+
+
+def _lens(view: View, name: str) -> dict[str, object] | None:
+    """Tell by how much a lens is another than its calibration says; null where nothing was learnt, or is to be."""
+    refined = view.state.lenses.refined.get(name)
+    if refined is None:
+        return None
+    f, cx, cy, k1 = (float(value) for value in refined.mean)
+    return {
+        "f_percent": round(100.0 * f, 4),
+        "centre_px": [round(cx, 3), round(cy, 3)],
+        "k1": round(k1, 6),
+        "bounded": refined.bounded,
     }
 
 

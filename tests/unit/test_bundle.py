@@ -14,6 +14,7 @@ from camrig.geometry.bundle import Estimate, adjust
 from camrig.geometry.lens import BrownLens, FisheyeLens
 from camrig.geometry.lens.errors import error_slopes
 from camrig.geometry.pnp_kernel import move_stack
+from camrig.locate import AS_CALIBRATED
 from camrig.locate.joint_problem import Problem, build
 from camrig.messages import Motion
 from tests.watched_floor import Errors, Floor
@@ -27,11 +28,17 @@ def problem(spread_s: float = 0.0) -> Problem:
     views = floor.views()
     views[1] = replace(views[1], stamp_s=views[1].stamp_s + spread_s)
     motions = fuse.motions(fuse.Tracks(), floor.rig, 1.0)
-    return build(views, {name: (1.0, T) for name, T in floor.places.items()}, motions, floor.rig)
+    return build(
+        views,
+        {name: (1.0, T) for name, T in floor.places.items()},
+        motions,
+        floor.rig,
+        AS_CALIBRATED.priors(list(floor.rig.cameras.values())),
+    )
 
 
 def normal_at(of: Problem, at: Estimate) -> bundle._Normal:
-    return bundle._normal(of.views, of.cameras, of.lens_information, of.bodies, at)
+    return bundle._normal(of.views, of.cameras, of.lenses, of.bodies, at)
 
 
 def moved(at: Estimate, cameras: Array, bodies: Array) -> Estimate:
@@ -58,7 +65,7 @@ def test_the_gradient_is_the_slope_of_the_cost(spread_s: float) -> None:
 
 def test_at_the_end_nothing_pulls_any_more() -> None:
     of = problem()
-    found = adjust(of.views, of.cameras, of.lens_information, of.bodies, of.start)
+    found = adjust(of.views, of.cameras, of.lenses, of.bodies, of.start)
     normal = normal_at(of, found.estimate)
     camera_step, body_step = bundle._step(normal, 0.0)
     sigmas = np.sqrt(np.einsum("cici->ci", found.camera_covariance))
@@ -69,7 +76,7 @@ def test_at_the_end_nothing_pulls_any_more() -> None:
 def test_the_covariance_is_the_inverse_of_the_whole_system() -> None:
     """The Schur complement against the dense inverse."""
     of = problem()
-    found = adjust(of.views, of.cameras, of.lens_information, of.bodies, of.start)
+    found = adjust(of.views, of.cameras, of.lenses, of.bodies, of.start)
     normal = normal_at(of, found.estimate)
     H = np.zeros((54, 54))
     for c in range(3):

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camrig.geometry.pose import transform
+from camrig.locate import Lenses, Refined
 from camrig.messages import (
     DroneHealth,
     DroneReading,
@@ -249,6 +250,14 @@ def test_status_tells_the_plan_and_the_flight() -> None:
         "solve_s": 0.05,
         "age_s": 2.0,
     }
+
+
+def test_status_tells_what_was_learnt_of_a_lens() -> None:
+    known = Refined(np.array([0.000462, -0.39, 0.21, -0.00031]), np.eye(4))
+    desk = Desk(state=replace(begin(0.0), lenses=Lenses(refined={"north": known})))
+    status = desk.operator().handle({"command": "status"}, ME)
+    learnt = {"f_percent": 0.0462, "centre_px": [-0.39, 0.21], "k1": -0.00031, "bounded": False}
+    assert part(status, "cameras", "north")["lens_refined"] == learnt
 
 
 def test_status_tells_where_a_head_points_who_controls_it_and_how_its_link_does() -> None:

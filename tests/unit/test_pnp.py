@@ -14,7 +14,6 @@ from camrig.geometry.lens import BrownLens, FisheyeLens, Lens
 from camrig.geometry.pnp import (
     TAG_CORNERS,
     ImagePoints,
-    PosePrior,
     observe_tags,
     refine,
     square_poses,
@@ -160,7 +159,7 @@ def test_the_covariance_with_a_prior_is_what_sampling_shows() -> None:
         T = random_pose(rng)
         believed = pose.perturb(T, -rng.normal(size=6) * sigma)
         points = noisy(LAB, T, corners, rng)
-        prior = PosePrior(believed[None], np.diag(sigma**-2.0)[None])
+        prior = pose.PosePriors(believed[None], np.diag(sigma**-2.0)[None])
         fit = refine(believed[None], corners[None], points.ideal, points.whitener, prior)
         values.append(nees(T, fit.T_camera_body[0], fit.covariance[0]))
     assert within_chance(values, 6)

@@ -16,6 +16,7 @@ from camrig.config.document import load_document
 from camrig.config.rig_file import load_rig
 from camrig.config.settings import settings_of
 from camrig.errors import ConfigError
+from camrig.geometry.lens.errors import TYPICAL_SIGMA
 from camrig.rig import DroneMount, HeadMount
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -91,6 +92,15 @@ def test_corners_are_refined_and_planned_by_unless_the_file_says_no(
     config = load_rig(_write(tmp_path, GOOD + (f"detector: {section}\n" if section else "")))
     assert config.refine is refined
     assert settings_of(config).planner.refined_corners is refined
+
+
+def test_a_lens_is_refined_where_its_camera_asks_for_it(tmp_path: Path) -> None:
+    asked = "mount: {head: pt1}, refine_lens: true, lens_sigma: {f_percent: 0.2, centre_px: 1.5}}"
+    cameras = load_rig(_write(tmp_path, GOOD.replace("mount: {head: pt1}}", asked))).rig.cameras
+    assert cameras["north"].refine_lens
+    assert cameras["north"].lens_sigma == pytest.approx((0.002, 1.5, 1.5, TYPICAL_SIGMA[3]))
+    assert not cameras["south"].refine_lens
+    assert cameras["south"].lens_sigma == pytest.approx(TYPICAL_SIGMA)
 
 
 def test_every_key_of_the_planner_reaches_it(tmp_path: Path) -> None:
@@ -175,6 +185,8 @@ def test_a_drones_camera_looks_down_with_image_right_along_its_nose() -> None:
         ("anchors:", "planner: {min_tag_px: -1}\nanchors:", 13, "planner.min_tag_px: input should be greater"),
         ("anchors:", "planner: {quality: magic}\nanchors:", 13, "'pixel', 'fisher' or 'perspective'"),
         ("rig: lab", "rgi: lab", 1, "unknown key"),
+        ("{head: pt2}}", "{head: pt2}, refine_lens: true}\nfusion: {estimator: mean}", 7, "only fusion: {estimator: joint} refines"),
+        ("{head: pt2}}", "{head: pt2}, lens_sigma: {k1: 0}}", 7, "k1: input should be greater than 0"),
         ("rig: lab", "rig: lab\nfusion: {estimator: paper}", 2, "'joint', 'covariance', 'quality' or 'mean'"),
     ],
 )  # fmt: skip

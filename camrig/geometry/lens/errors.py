@@ -8,7 +8,9 @@ from camrig.geometry.arrays import Array
 from camrig.geometry.lens.fisheye import FisheyeLens
 from camrig.geometry.lens.interface import Lens
 
-TYPICAL_SIGMA = (0.0006, 0.4, 0.4, 0.0005)
+LensSigma = tuple[float, float, float, float]
+
+TYPICAL_SIGMA: LensSigma = (0.0006, 0.4, 0.4, 0.0005)
 """One sigma of [relative focal length, cx px, cy px, k1] that a good calibration leaves (docs/accuracy.md)."""
 
 
