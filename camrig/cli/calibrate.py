@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -20,9 +21,13 @@ from camrig.clock import RealClock
 from camrig.config.rig_file import RigConfig, load_rig
 from camrig.detect import detect_tags, warm_up
 from camrig.errors import InputError, PartialError
+from camrig.geometry.arrays import Array
+from camrig.geometry.pan_tilt import R_MOUNT_OPTICAL, aim_rotation
+from camrig.geometry.pose import difference
+from camrig.geometry.rotation import rotation_log
 from camrig.interfaces import TagDetector
 from camrig.messages import Frame
-from camrig.rig import Rig
+from camrig.rig import FixedMount, Rig
 
 NOISY_PX = 1.0
 """Corners that miss by more than this, one sigma, are not those of a stiff board and right lenses."""
@@ -33,6 +38,9 @@ LOOSE_SIGMAS = 8.0
 
 FEW_INSTANTS = 5
 """Two cameras that saw the board together at fewer instants are tied loosely."""
+
+STRAIGHT = 0.02
+"""Sine of the angle within which a camera looks straight up or down."""
 
 calibrate = typer.Typer(help="Find out what a rig is really like.", no_args_is_help=True, rich_markup_mode="markdown")
 
@@ -77,9 +85,9 @@ def extrinsics(
         found = place_cameras(shots, lenses, sizes_m, {tag: T for tag, T in anchors.items() if tag in seen})
     warnings = tuple(_warnings(found))
     if as_json:
-        print_json(_as_json(found, warnings))
+        print_json(_as_json(found, warnings, rig))
     else:
-        _print(found, warnings)
+        _print(found, warnings, rig)
     lost = [f"{name} shares no tag with the others: hangs on nothing" for name in places if name in found.unplaced]
     if faults or lost:
         raise PartialError("\n".join([*lost, *faults]))
@@ -164,27 +172,64 @@ def _warnings(found: Extrinsics) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """A camera as people read it."""
+    """A camera as people read it; how it looks as a rig's file says it, and the turn about its axis, which that cannot
+    say; how far that is from the file's own word, None where there is none.
+    """
 
-    position_m: tuple[float, ...]
-    sigma_mm: tuple[float, ...]
+    position_m: list[float]
+    sigma_mm: list[float]
     sigma_deg: float
+    pan_deg: float
+    tilt_deg: float
+    roll_deg: float
+    off_file_mm: float | None
+    off_file_deg: float | None
 
 
-def _placed(found: Extrinsics, name: str) -> _Placed:
-    variance = np.diag(found.camera_covariance[name])
-    position_m = tuple(round(float(value), 5) for value in found.T_world_camera[name][:3, 3])
-    sigma_mm = tuple(round(1e3 * float(value), 3) for value in np.sqrt(variance[:3]))
-    return _Placed(position_m, sigma_mm, float(np.degrees(np.sqrt(variance[3:].max()))))
+def _placed(found: Extrinsics, name: str, rig: Rig) -> _Placed:
+    T, variance = found.T_world_camera[name], np.diag(found.camera_covariance[name])
+    pan_rad, tilt_rad, roll_rad = _looks(T[:3, :3])
+    off_mm, off_deg = None, None
+    mount = rig.cameras[name].mount
+    if found.anchored and isinstance(mount, FixedMount):
+        off = difference(T, mount.T_world_camera)
+        off_mm, off_deg = 1e3 * float(np.linalg.norm(off[:3])), math.degrees(np.linalg.norm(off[3:]))
+    return _Placed(
+        position_m=np.round(T[:3, 3], 5).tolist(),
+        sigma_mm=np.round(1e3 * np.sqrt(variance[:3]), 3).tolist(),
+        sigma_deg=math.degrees(np.sqrt(variance[3:].max())),
+        pan_deg=round(math.degrees(pan_rad), 3),
+        tilt_deg=round(math.degrees(tilt_rad), 3),
+        roll_deg=round(math.degrees(roll_rad), 3),
+        off_file_mm=None if off_mm is None else round(off_mm, 2),
+        off_file_deg=None if off_deg is None else round(off_deg, 3),
+    )
 
 
-def _print(found: Extrinsics, warnings: Sequence[str]) -> None:
-    world = "in the world" if found.anchored else f"as {next(iter(found.T_world_camera))} sees them (no anchor in view)"
-    table = Table("camera", "position m", "± mm", "± deg", title=f"Cameras {world}")
+def _looks(R_world_camera: Array) -> tuple[float, float, float]:
+    """Return pan, tilt and roll in radians; of a camera that looks straight up or down the turn is all pan."""
+    _, image_down, (x, y, z) = R_world_camera.T
+    if math.hypot(x, y) < STRAIGHT:
+        x, y = np.copysign(1.0, z) * image_down[:2]
+    pan_rad, tilt_rad = math.atan2(y, x), math.asin(min(max(z, -1.0), 1.0))
+    level = aim_rotation(pan_rad, tilt_rad) @ R_MOUNT_OPTICAL
+    return pan_rad, tilt_rad, float(rotation_log(level.T @ R_world_camera)[2])
+
+
+def _print(found: Extrinsics, warnings: Sequence[str], rig: Rig) -> None:
+    first = next(iter(found.T_world_camera))
+    world = "Cameras in the world" if found.anchored else f"Cameras as {first} sees them: no anchor in view"
+    table = Table("camera", "position m", "± mm", "pan, tilt, roll deg", "± deg", "file off by", title=world)
     for name in found.T_world_camera:
-        each = _placed(found, name)
-        position = ", ".join(f"{value:.4f}" for value in each.position_m)
-        table.add_row(name, position, ", ".join(f"{value:.2f}" for value in each.sigma_mm), f"{each.sigma_deg:.4f}")
+        each = _placed(found, name, rig)
+        table.add_row(
+            name,
+            ", ".join(f"{value:.4f}" for value in each.position_m),
+            ", ".join(f"{value:.2f}" for value in each.sigma_mm),
+            f"{each.pan_deg:.2f}, {each.tilt_deg:.2f}, {each.roll_deg:.2f}",
+            f"{each.sigma_deg:.3f}",
+            "" if each.off_file_mm is None else f"{each.off_file_mm:.1f} mm, {each.off_file_deg:.2f} deg",
+        )
     results.print(table)
     adjusted = found.adjusted
     results.print(
@@ -196,13 +241,13 @@ def _print(found: Extrinsics, warnings: Sequence[str]) -> None:
         people.print(f"warning: {warning}", style="yellow", markup=False, soft_wrap=True)
 
 
-def _as_json(found: Extrinsics, warnings: Sequence[str]) -> dict[str, object]:
+def _as_json(found: Extrinsics, warnings: Sequence[str], rig: Rig) -> dict[str, object]:
     return {
         "rms_px": round(found.adjusted.rms_px, 4),
         "median_px": round(found.adjusted.median_px, 4),
         "anchored": found.anchored,
         "cameras": {
-            name: {"T_world_camera": T.tolist(), "sigma_mm": list(_placed(found, name).sigma_mm)}
+            name: {"T_world_camera": T.tolist(), **asdict(_placed(found, name, rig))}
             for name, T in found.T_world_camera.items()
         },
         "tags": {name: {"T_board_tag": T.tolist()} for name, T in found.T_board_tag.items()},

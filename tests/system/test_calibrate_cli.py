@@ -33,8 +33,8 @@ space: {floor_m: [[-1, -1], [1, 1]]}
 lenses:
   plain: {size_px: [480, 360], fx: 420, fy: 420, cx: 239.5, cy: 179.5}
 cameras:
-  - {id: north, lens: plain, source: {driver: fake}, mount: {fixed: {position_m: [0, 0, 1.6]}}}
-  - {id: south, lens: plain, source: {driver: fake}, mount: {fixed: {position_m: [0, 0, 1.6]}}}
+  - {id: north, lens: plain, source: {driver: fake}, mount: {fixed: {position_m: [0, 0, 1.6], pan_deg: 90}}}
+  - {id: south, lens: plain, source: {driver: fake}, mount: {fixed: {position_m: [0, 0, 1.6], pan_deg: 90}}}
 anchors:
   - {id: 100, size_m: 0.2, T_world_tag: {position_m: [-0.3, -0.25, 0]}}
   - {id: 101, size_m: 0.2, T_world_tag: {position_m: [0.35, -0.25, 0]}}
@@ -102,6 +102,9 @@ def test_cameras_are_placed_in_the_world_by_anchors_and_a_walked_board(walk: Pat
         off = difference(T, np.array(found["cameras"][name]["T_world_camera"]))
         assert np.linalg.norm(off[:3]) < 0.01
         assert np.linalg.norm(off[3:]) < 0.01
+    north, south = (found["cameras"][name] for name in CAMERAS)
+    assert (north["pan_deg"], north["tilt_deg"], north["roll_deg"]) == pytest.approx((90.0, -90.0, 0.0), abs=0.6)
+    assert (south["off_file_mm"], south["off_file_deg"]) == pytest.approx((255.0, 5.73), rel=0.1)
     for number, T in BOARD.items():
         board = invert(np.array(found["tags"]["tag36h11:0"]["T_board_tag"]))
         assert board @ np.array(found["tags"][f"tag36h11:{number}"]["T_board_tag"]) == pytest.approx(T, abs=0.01)
