@@ -47,7 +47,7 @@ class Sighted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """``T_camera_world`` by picture and ``T_world_tag`` by tag; the world is the frame of the tag seen most often.
+    """``T_camera_world`` by picture and ``T_world_tag`` by tag; the world is the known tags' or that tag's.
 
     What is missing hangs on nothing that is placed.
     """
@@ -56,13 +56,13 @@ class Placed:
     tags: Mapping[str, Transform]
 
 
-def place(sighted: Sequence[Sighted]) -> Placed:
-    """Place everything that hangs together with the tag seen most often."""
-    return _Placing(sighted).run()
+def place(sighted: Sequence[Sighted], known: Mapping[str, Transform] | None = None) -> Placed:
+    """Place everything that hangs together with the ``known`` tags or, without any, with the tag seen most often."""
+    return _Placing(sighted, known or {}).run()
 
 
 class _Placing:
-    def __init__(self, sighted: Sequence[Sighted]) -> None:
+    def __init__(self, sighted: Sequence[Sighted], known: Mapping[str, Transform]) -> None:
         self._candidates = {
             id(each): [
                 pose.T_camera_tag for pose in square_poses(each.points.ideal, each.points.px_per_ideal, each.size_m)
@@ -75,7 +75,7 @@ class _Placing:
             self._in.setdefault(each.picture, []).append(each)
             self._of.setdefault(each.tag, []).append(each)
         self._pictures: dict[Picture, Transform] = {}
-        self._tags: dict[str, Transform] = {max(self._of, key=lambda tag: len(self._of[tag])): np.eye(4)}
+        self._tags = dict(known) or {max(self._of, key=lambda tag: len(self._of[tag])): np.eye(4)}
 
     def run(self) -> Placed:
         while self._place_pictures(_CLEAR) or self._place_tag() or self._place_pictures(1.0):

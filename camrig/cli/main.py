@@ -22,6 +22,7 @@ _COMMANDS = (
     "demo",
     "plan",
     "detect",
+    "calibrate",
     "experiment",
     "emulate",
     "stop",

@@ -129,9 +129,9 @@ def test_tags_are_where_the_other_program_has_them(solved: tuple[str, Solved]) -
 
 def test_the_two_cameras_are_as_far_apart(shared_data: Path) -> None:
     of = solve(shared_data, "tagslam_2")
-    apart = [np.linalg.norm(T["cam1"][:3, 3]) for T in (of.found.T_rig_camera, of.T_theirs)]
+    apart = [np.linalg.norm(T["cam1"][:3, 3]) for T in (of.found.T_world_camera, of.T_theirs)]
     assert apart[0] == pytest.approx(apart[1], rel=0.02)
-    turned = of.found.T_rig_camera["cam1"][:3, :3] @ of.T_theirs["cam1"][:3, :3].T
+    turned = of.found.T_world_camera["cam1"][:3, :3] @ of.T_theirs["cam1"][:3, :3].T
     assert np.degrees(np.arccos(0.5 * (np.trace(turned) - 1.0))) < 0.5
 
 

@@ -10,7 +10,7 @@ import pytest
 from camrig import fuse
 from camrig.geometry import bundle
 from camrig.geometry.arrays import Array
-from camrig.geometry.bundle import Estimate, adjust
+from camrig.geometry.bundle import Estimate, adjust, camera_evidence, projected
 from camrig.geometry.lens import BrownLens, FisheyeLens
 from camrig.geometry.lens.errors import error_slopes
 from camrig.geometry.pnp_kernel import move_stack
@@ -140,3 +140,32 @@ def test_a_lenss_errors_move_pixels_as_another_lens_would(lens: BrownLens | Fish
     )
     for j, other in enumerate(others):
         assert (other.project(points) - lens.project(points)) / h == pytest.approx(slopes[..., j], abs=2e-3)
+
+
+def test_an_estimate_without_error_has_corners_where_they_were_seen() -> None:
+    floor = Floor(3, cameras=3, bodies=4, anchors=True)
+    views = [floor.view(name, noise=0.0) for name in floor.rig.cameras]
+    motions = fuse.motions(fuse.Tracks(), floor.rig, 1.0)
+    lenses = AS_CALIBRATED.priors(list(floor.rig.cameras.values()))
+    of = build(views, {name: (1.0, T) for name, T in floor.places.items()}, motions, floor.rig, lenses)
+    at = replace(of.start, cameras=np.stack([floor.true_poses[view.camera_id] for view in views]))
+    assert projected(of.views, at) == pytest.approx(of.views.ideal, abs=1e-7)
+
+
+def test_evidence_on_cameras_is_what_is_left_once_bodies_are_eliminated() -> None:
+    """Against the dense inverse: the cameras' covariance, once their priors are added."""
+    of = problem()
+    found = adjust(of.views, of.cameras, of.lenses, of.bodies, of.start)
+    information, gradient = camera_evidence(of.views, of.bodies, found.estimate)
+    for c in range(3):
+        information[10 * c : 10 * c + 6, 10 * c : 10 * c + 6] += of.cameras.information[c]
+        information[10 * c + 6 : 10 * c + 10, 10 * c + 6 : 10 * c + 10] += of.lenses.information[c]
+    P = np.linalg.inv(information)
+    expected = found.camera_covariance.reshape(30, 30)
+    scale = np.sqrt(np.diag(expected))
+    assert P / np.outer(scale, scale) == pytest.approx(expected / np.outer(scale, scale), abs=1e-3)
+    lenses = [slice(10 * c + 6, 10 * c + 10) for c in range(3)]
+    pulled = np.concatenate([of.lenses.information[c] @ found.estimate.lenses[c] for c in range(3)])
+    assert np.concatenate([gradient[own] for own in lenses]) == pytest.approx(
+        -pulled, rel=0.05, abs=0.02 * np.abs(pulled).max()
+    )

@@ -95,7 +95,7 @@ def test_without_noise_everything_is_found_from_scratch() -> None:
     of = walk(1, noise_px=0.0)
     found = solve(of)
     assert found.unplaced == ()
-    assert found.T_rig_camera["right"] == pytest.approx(of.T_rig_camera["right"], abs=1e-6)
+    assert found.T_world_camera["right"] == pytest.approx(of.T_rig_camera["right"], abs=1e-6)
     assert max(float(np.abs(tag_error(found, of, tag)).max()) for tag in found.T_board_tag) < 1e-6
 
 
@@ -105,7 +105,7 @@ def test_covariances_and_noise_are_those_of_the_errors() -> None:
     for seed in range(12):
         of = walk(seed)
         found = solve(of)
-        error = difference(of.T_rig_camera["right"], found.T_rig_camera["right"])
+        error = difference(of.T_rig_camera["right"], found.T_world_camera["right"])
         camera.append(float(error @ np.linalg.solve(found.camera_covariance["right"], error)))
         name = next(name for name, C in found.tag_covariance.items() if C.any())
         error = tag_error(found, of, name)
@@ -123,7 +123,7 @@ def test_a_few_tags_misread_change_little() -> None:
         tag, corners = next(iter(of.shots[k].corners_px.items()))
         of.shots[k] = Shot(of.shots[k].camera_id, of.shots[k].instant, {**of.shots[k].corners_px, tag: corners + 30.0})
     found = solve(of)
-    assert difference(of.T_rig_camera["right"], found.T_rig_camera["right"]) == pytest.approx(np.zeros(6), abs=2e-3)
+    assert difference(of.T_rig_camera["right"], found.T_world_camera["right"]) == pytest.approx(np.zeros(6), abs=2e-3)
     assert found.noise_px == pytest.approx(NOISE_PX, rel=0.2)
 
 
@@ -133,7 +133,38 @@ def test_what_hangs_on_nothing_else_is_named() -> None:
     alone = Shot("left", 99, {"t9": next(iter(of.shots[0].corners_px.values()))})
     found = extrinsics([*apart, alone], LENSES, {f"t{k}": SIZE_M for k in range(10)})
     assert found.unplaced == ("right", "t9")
-    assert set(found.T_rig_camera) == {"left"}
+    assert set(found.T_world_camera) == {"left"}
+
+
+def test_anchors_put_cameras_in_the_world() -> None:
+    """Cameras on a ceiling, a board of four tags walked past them, two anchors on the floor that one of them sees."""
+    rng = np.random.default_rng(6)
+    ceiling = transform(rotation_x(np.pi), np.array([0.5, 0.4, 2.0]))
+    cameras = {"left": ceiling, "right": ceiling @ transform(np.eye(3), np.array([0.4, 0.0, 0.0]))}
+    anchors = {f"a{k}": transform(np.eye(3), np.array([0.3 * k, 0.2, 0.0])) for k in range(2)}
+    board = {f"t{k}": transform(np.eye(3), np.array([0.2 * (k % 2), 0.2 * (k // 2), 0.0])) for k in range(4)}
+    shots = []
+    for k in range(15):
+        T_world_board = perturb(
+            np.eye(4), rng.normal(size=6) * [0.2, 0.2, 0.2, 0.3, 0.3, 1.0] + [0.6, 0.3, 0.6, 0, 0, 0]
+        )
+        places = {**anchors, **{tag: T_world_board @ T for tag, T in board.items()}}
+        for name, lens in LENSES.items():
+            pixels = {
+                tag: lens.project(apply(invert(cameras[name]) @ T, SIZE_M * TAG_CORNERS)) for tag, T in places.items()
+            }
+            seen = {
+                tag for tag, px in pixels.items() if np.isfinite(px).all() and (name == "left" or tag not in anchors)
+            }
+            shots.append(Shot(name, k, {tag: pixels[tag] + rng.normal(size=(4, 2)) * NOISE_PX for tag in seen}))
+    found = extrinsics(shots, LENSES, dict.fromkeys((*board, *anchors), SIZE_M), anchors)
+    assert found.anchored
+    assert found.unplaced == ()
+    for name, T in cameras.items():
+        error = difference(T, found.T_world_camera[name])
+        nees = float(error @ np.linalg.solve(found.camera_covariance[name], error))
+        assert nees < float(chi2.ppf(0.999, 6))
+        assert np.linalg.norm(error[:3]) < 0.02
 
 
 def test_nothing_seen_is_told_in_one_sentence() -> None:
