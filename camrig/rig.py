@@ -123,10 +123,17 @@ class Body:
     id: str
     tags: tuple[BodyTag, ...]
     motion: str = "floor"
-    """``floor`` (moves in the plane), ``free`` (moves in space) or ``static``."""
+    """``floor`` (moves in the plane as it likes), ``drives`` (in the plane, its way turning with its heading, as wheels
+    that do not slide sideways make it), ``free`` (moves in space) or ``static``.
+    """
     weight: float = 1.0
     height_m: float | None = None
     """Of one on the floor: where its frame's origin always is over the plane z = 0, as far as the floor is flat."""
+
+    @property
+    def on_floor(self) -> bool:
+        """Whether it stands upright on the floor and moves in its plane."""
+        return self.motion in ("floor", "drives")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -54,9 +54,9 @@ def on_stadium(way_m: float) -> tuple[float, float, float]:
 class Room(Floor):
     """A floor whose bodies drive and whose heads swing."""
 
-    def __init__(self, seed: int, speed_deg_s: float) -> None:
+    def __init__(self, seed: int, speed_deg_s: float, motion: str) -> None:
         errors = Errors(math.radians(0.1), mounts=True, lenses=True)
-        super().__init__(seed, cameras=3, bodies=3, anchors=True, errors=errors)
+        super().__init__(seed, cameras=3, bodies=3, anchors=True, errors=errors, motion=motion)
         self.rate = math.radians(speed_deg_s) / SWING_RAD
         self.began = {name: self.rng.uniform(0.0, 6.0) for name in self.places}
         self.middle = {name: self.rng.uniform([1.8, 1.1], [3.2, 1.9]) for name in self.places}
@@ -158,12 +158,16 @@ def main() -> None:
     asked.add_argument("--scenes", type=int, default=12)
     asked.add_argument("--seconds", type=float, default=16.0)
     asked.add_argument("--seed", type=int, default=1)
+    asked.add_argument("--motion", choices=("drives", "floor"), default="drives", help="what the rig's file says")
     options = asked.parse_args()
     scenes: list[list[Sample]] = []
     print("| heads swing at up to, deg/s | n | mean mm | 95 % mm | along the motion mm | NEES | largest NEES |")
     print("|--|--|--|--|--|--|--|")
     for speed in SPEEDS_DEG_S:
-        drawn = [list(watched(Room(1000 * options.seed + k, speed), options.seconds)) for k in range(options.scenes)]
+        drawn = [
+            list(watched(Room(1000 * options.seed + k, speed, options.motion), options.seconds))
+            for k in range(options.scenes)
+        ]
         scenes += drawn
         found = [sample for scene in drawn for sample in scene]
         error_mm = 1e3 * np.array([sample.error_m for sample in found])

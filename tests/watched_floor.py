@@ -52,6 +52,7 @@ class Floor:
     known_height: bool = False
     errors: Errors = field(default_factory=Errors)
     refine_lenses: bool = False
+    motion: str = "floor"
 
     def __post_init__(self) -> None:
         self.rng = rng = np.random.default_rng(self.seed)
@@ -80,7 +81,10 @@ class Floor:
             {},
             {
                 f"b{k}": Body(
-                    f"b{k}", (BodyTag(_key(k), SIZE_M, np.eye(4)),), height_m=0.0 if self.known_height else None
+                    f"b{k}",
+                    (BodyTag(_key(k), SIZE_M, np.eye(4)),),
+                    self.motion,
+                    height_m=0.0 if self.known_height else None,
                 )
                 for k in range(self.bodies)
             },

@@ -13,6 +13,7 @@ from camrig.cli.console import print_json, results
 from camrig.cli.operating import Answer, RigOption, SocketOption, names, order, part, parts
 
 EVENTS_SHOWN = 5
+LATE_SHOWN_S = 0.015
 _CONTROLS = {"planner": "enabled", "operator": "aimed by an operator", "held": "held"}
 _CONTROLS_OF_DRONES = {"planner": "follows plans", "held": "held", "nobody": "not commanded"}
 _UNITS_S = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"))
@@ -84,6 +85,11 @@ def _devices(answer: Answer) -> Table:
 def _state(device: Answer) -> Iterator[str]:
     """Yield what is known of a camera, a head or a drone."""
     yield from (f"{value:.1f} fps" for value in _numbers(device, "fps"))
+    drift, late = part(device, "drift"), part(device, "head_late_s")
+    if drift.get("alarming"):
+        yield f"{_first(drift, 'turned_deg'):.2f} deg and {1e3 * _first(drift, 'moved_m'):.0f} mm off its calibration"
+    if abs(_first(late, "mean")) > max(LATE_SHOWN_S, 5.0 * _first(late, "sigma")):
+        yield f"its head reports {_first(late, 'mean'):+.3f} s late"
     if "enabled" in device:
         yield _CONTROLS.get(str(device.get("control")), "held")
     yield from (f"pan {value:.1f} deg" for value in _numbers(device, "pan_deg"))
@@ -114,7 +120,11 @@ def _answered(device: Answer) -> str:
 
 
 def _counted(device: Answer, key: str) -> float:
-    return next(iter(_numbers(part(device, "statistics"), key)), 0.0)
+    return _first(part(device, "statistics"), key)
+
+
+def _first(answer: Answer, key: str) -> float:
+    return next(iter(_numbers(answer, key)), 0.0)
 
 
 def _lasting(value: object) -> str:

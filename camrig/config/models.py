@@ -201,15 +201,15 @@ class TargetModel(StrictModel):
     """A target: a named body with its tags."""
 
     id: Name
-    motion: Literal["floor", "free", "static"] = "floor"
+    motion: Literal["floor", "drives", "free", "static"] = "floor"
     weight: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
     height_m: Annotated[float, Field(ge=-100.0, le=100.0)] | None = None
     tags: Annotated[tuple[BodyTagModel, ...], Field(min_length=1)]
 
     @model_validator(mode="after")
     def _height_of_one_on_the_floor(self) -> TargetModel:
-        if self.height_m is not None and self.motion != "floor":
-            raise ValueError("height_m goes with motion: floor: what moves freely has no height of its own")
+        if self.height_m is not None and self.motion not in ("floor", "drives"):
+            raise ValueError("height_m goes with motion: floor or drives: what moves freely has no height of its own")
         return self
 
     def build(self) -> Body:

@@ -94,12 +94,13 @@ def predict(belief: Belief, stamp_s: float, model: MotionModel) -> Belief:
     F, Q = model.step(dt_s)
     turned_rad, turning = 0.0, belief.turning
     if model.turn_sigma_rad_s > 0.0:
-        turned_rad = belief.turn_rate_rad_s * dt_s
-        F, Q = _along_an_arc(F, Q, belief, turned_rad, dt_s)
         keep = math.exp(-dt_s / model.turn_memory_s)
-        A = np.array([[1.0, dt_s], [0.0, keep]])
+        reach_s = model.turn_memory_s * (1.0 - keep)  # for so long the rate of now is the rate
+        turned_rad = belief.turn_rate_rad_s * reach_s
+        F, Q = _along_an_arc(F, Q, belief, turned_rad, reach_s, dt_s)
+        A = np.array([[1.0, reach_s], [0.0, keep]])
         gained = model.turn_sigma_rad_s**2 * (1.0 - keep * keep)
-        turning = A @ turning @ A.T + gained * np.array([[dt_s**2 / 3.0, dt_s / 2.0], [dt_s / 2.0, 1.0]])
+        turning = A @ turning @ A.T + gained * np.array([[reach_s**2 / 3.0, reach_s / 2.0], [reach_s / 2.0, 1.0]])
         belief = replace(belief, turn_rate_rad_s=keep * belief.turn_rate_rad_s)
     R_turned = rotation_z(turned_rad) if turned_rad else np.eye(3)
     return replace(
@@ -114,10 +115,13 @@ def predict(belief: Belief, stamp_s: float, model: MotionModel) -> Belief:
     )
 
 
-def _along_an_arc(F: Array, Q: Array, belief: Belief, turned_rad: float, dt_s: float) -> tuple[Array, Array]:
+def _along_an_arc(
+    F: Array, Q: Array, belief: Belief, turned_rad: float, reach_s: float, dt_s: float
+) -> tuple[Array, Array]:
     """Return the transition of a velocity that turns meanwhile, and its noise with what is uncertain of the rate.
 
-    The chord of an arc leads half the angle aside and is shorter by sin(a/2) / (a/2).
+    The chord of an arc leads half the angle aside and is shorter by sin(a/2) / (a/2). More than a radian aside is no
+    direction any more.
     """
     half = 0.5 * turned_rad
     F = F.copy()
@@ -125,8 +129,9 @@ def _along_an_arc(F: Array, Q: Array, belief: Belief, turned_rad: float, dt_s: f
     F[3:, 3:] = rotation_z(turned_rad) @ F[3:, 3:]
     vx, vy, _ = belief.mean[3:]
     aside = np.array([-vy, vx, 0.0])
-    by_rate = np.concatenate([0.5 * dt_s**2 * aside, dt_s * aside])
-    return F, Q + float(belief.turning[1, 1]) * np.outer(by_rate, by_rate)
+    aside_rad = min(math.sqrt(float(belief.turning[1, 1])) * reach_s, 1.0)
+    by_rate = aside_rad * np.concatenate([0.5 * dt_s * aside, aside])
+    return F, Q + np.outer(by_rate, by_rate)
 
 
 def distance(belief: Belief, fix: Fix) -> float:
@@ -192,7 +197,9 @@ def _latest(before: tuple[Seen, ...], now: tuple[Seen, ...]) -> tuple[Seen, ...]
 
 
 def _turn_variance(fix: Fix) -> float:
-    return float(np.trace(fix.whole[3:, 3:])) / 3.0
+    """Return the variance of a fix's orientation: the mean of the axes', or the heading's where that is greater."""
+    whole = fix.whole[3:, 3:]
+    return max(float(np.trace(whole)) / 3.0, float(whole[2, 2]))
 
 
 def _turned(belief: Belief, fix: Fix) -> tuple[Array, float, Array]:

@@ -67,7 +67,7 @@ def predicted_poses(tracks: Tracks, stamp_s: float) -> dict[str, Transform]:
 def motions(tracks: Tracks, rig: Rig, stamp_s: float, settings: Settings = DEFAULTS) -> dict[str, Motion]:
     """Return how every target of the rig moves about ``stamp_s``, by id; where it is only of confirmed tracks."""
     return {
-        name: _motion(tracks.by_id.get(name), settings.models[body.motion], body.motion == "floor", stamp_s)
+        name: _motion(tracks.by_id.get(name), settings.models[body.motion], body.on_floor, stamp_s)
         for name, body in rig.targets.items()
     }
 

@@ -19,18 +19,28 @@ MEMORY_S = 20.0
 """The mean is over about so long, and says nothing before."""
 GATE_CHI2 = 27.9
 """chi2 of 6 numbers that chance exceeds once in 10 000: a camera further off is not where its calibration says."""
+_LEAST_LEFT = 0.9
+"""A frame that leaves more than this part of the variance of where a camera looks has told nothing of it; one that is
+placed against its carrier, by anchors alone, may leave more than all of it.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drift:
     """The mean (6,) of [dx dy dz rx ry rz] by which a camera was corrected, in the world (geometry.pose), since
-    ``since_s``; ``chi2`` is its squared Mahalanobis distance under what its calibration and readings allow.
+    ``since_s``, and the mean (6, 6) of what its calibration and readings allow; ``chi2`` is the squared Mahalanobis
+    distance of the one under the other.
     """
 
     since_s: float
     stamp_s: float
     mean: Array
-    chi2: float
+    covariance: Array
+
+    @property
+    def chi2(self) -> float:
+        """The squared Mahalanobis distance of the mean correction."""
+        return float(self.mean @ np.linalg.solve(self.covariance, self.mean))
 
     @property
     def alarming(self) -> bool:
@@ -48,12 +58,18 @@ class Drift:
         return float(np.linalg.norm(self.mean[:3]))
 
 
-def with_correction(before: Drift | None, carried: CameraPose, found: CameraPose) -> Drift:
-    """Return the drift after a frame that ``carried`` alone, and everything together, places so."""
+def with_correction(before: Drift | None, carried: CameraPose, found: CameraPose) -> Drift | None:
+    """Return the drift after a frame that ``carried`` alone, and everything together, places so.
+
+    A frame in which nothing but the carrier told where the camera was leaves it as it is. Errors of a head's angles
+    turn with the head, so what they allow is averaged as the corrections are.
+    """
+    if _LEAST_LEFT < np.trace(found.covariance[3:, 3:]) / np.trace(carried.covariance[3:, 3:]) <= 1.0 + 1e-9:
+        return before
     correction = difference(found.T_world_camera, carried.T_world_camera)
     if before is None or found.stamp_s - before.stamp_s > MEMORY_S:
-        before = Drift(found.stamp_s, found.stamp_s, correction, 0.0)
+        before = Drift(found.stamp_s, found.stamp_s, correction, carried.covariance)
     share = -math.expm1(-max(found.stamp_s - before.stamp_s, 0.0) / MEMORY_S)
     mean = before.mean + share * (correction - before.mean)
-    chi2 = float(mean @ np.linalg.solve(carried.covariance, mean))
-    return Drift(before.since_s, max(found.stamp_s, before.stamp_s), mean, chi2)
+    covariance = before.covariance + share * (carried.covariance - before.covariance)
+    return Drift(before.since_s, max(found.stamp_s, before.stamp_s), mean, covariance)

@@ -5,6 +5,7 @@ Pan and tilt are sampled apart and stay apart: each axis is interpolated at the 
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -27,6 +28,9 @@ MAX_GAP_S = 1.0
 
 MAX_REACH_S = 0.5
 """Further outside the readings the carrier's pose is unknown."""
+
+_TURNS = 4.0
+"""Readings that differ by so many sigmas of their noise tell of a turn."""
 
 LEADING = 6
 """How many readings of an axis are followed up to a stamp."""
@@ -64,12 +68,16 @@ class AxisHistory:
         return curve.axis_at(_around(self.readings, after), stamp_s)
 
     def rate_rad_s(self, stamp_s: float) -> float:
-        """Return how fast it turns between the readings round the stamp; 0 where these are not known."""
+        """Return how fast it turns between the readings round the stamp; 0 where these are not known, or differ by no
+        more than their noise.
+        """
         span = _span(self.readings, stamp_s)
         if span is None or span[0] is span[1]:
             return 0.0
         before, after, _, _ = span
-        return wrap_angle(after.angle_rad - before.angle_rad) / (after.stamp_s - before.stamp_s)
+        turn_rad = wrap_angle(after.angle_rad - before.angle_rad)
+        noise_rad = math.hypot(before.noise_rad or before.sigma_rad, after.noise_rad or after.sigma_rad)
+        return turn_rad / (after.stamp_s - before.stamp_s) if abs(turn_rad) > _TURNS * noise_rad else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -77,7 +77,7 @@ def _start(stamp_s: float, seen: Sequence[Sighting], motion: Motion, body: Body)
     best = min(seen, key=lambda each: float(np.trace(each.covariance[:3, :3] + each.camera_covariance[:3, :3])))
     T = best.T_world_body
     T = transform(T[:3, :3], T[:3, 3] + motion.shift_m(stamp_s - best.stamp_s))
-    if body.motion == "floor" or sum(_disagreement(T, each) for each in seen) < _CONTRADICTION:
+    if body.on_floor or sum(_disagreement(T, each) for each in seen) < _CONTRADICTION:
         return T
     poses = [each.T_world_body for each in seen]
     if motion.T_world_body is not None:

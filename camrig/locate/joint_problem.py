@@ -189,7 +189,7 @@ def _body_priors(bodies: Sequence[Body], T_bodies: Array) -> PosePriors:
     information = np.zeros((len(T_bodies), 6, 6))
     stood_up = T_bodies.copy()
     for b, body in enumerate(bodies):
-        if body.motion != "floor":
+        if not body.on_floor:
             continue
         information[b] = upright
         stood_up[b, :3, :3] = upright_rotation(T_bodies[b, :3, :3])

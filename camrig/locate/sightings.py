@@ -83,7 +83,7 @@ def _starts(seen: SeenBody, camera: CameraPose) -> list[Transform]:
 
     Where a floor body is believed to be will do, if its corners are near there: it cannot be turned over.
     """
-    if seen.T_world_body is not None and seen.body.motion == "floor":
+    if seen.T_world_body is not None and seen.body.on_floor:
         expected = invert(camera.T_world_camera) @ seen.T_world_body
         if _near(seen, expected):
             return [expected]
@@ -97,7 +97,7 @@ def _starts(seen: SeenBody, camera: CameraPose) -> list[Transform]:
     corners, ideal, whitener = (np.repeat(part[None], len(found), axis=0) for part in _points(seen.tags))
     residual, _ = whitened_residuals(np.stack(found), corners, ideal, whitener)
     chi2 = (residual * residual).sum(axis=(1, 2))
-    if seen.body.motion == "floor":
+    if seen.body.on_floor:
         chi2 += [_lean(T, camera) ** 2 / _lean_variance(camera) for T in found]
     best, *others = (int(k) for k in np.argsort(chi2))
     hopeless = _HOPELESS * max(float(chi2[best]), NOISE_CHI2)
@@ -138,7 +138,7 @@ def _fit(started: Sequence[tuple[SeenBody, list[Transform]]], camera: CameraPose
         rows, used = slice(row, row + len(starts)), 4 * len(body.tags)
         corners[rows, :used], ideal[rows, :used], whitener[rows, :used] = _points(body.tags)
         corners[rows, used:], ideal[rows, used:] = corners[rows, :1], ideal[rows, :1]
-        if body.body.motion == "floor":
+        if body.body.on_floor:
             T_prior[rows] = [_stood_up(start, camera.T_world_camera) for start in starts]
             information[rows, 3:, 3:] = upright
         row += len(starts)
@@ -181,7 +181,7 @@ def _choose(seen: SeenBody, fit: PoseFit, camera: CameraPose) -> tuple[Transform
     if rival is not None and seen.T_world_body is not None:
         T_expected = invert(camera.T_world_camera) @ seen.T_world_body
         best = min((best, rival), key=lambda k: angle_between(T[k], T_expected))
-    freedoms = 8 * len(seen.tags) - 6 + (2 if seen.body.motion == "floor" else 0)
+    freedoms = 8 * len(seen.tags) - 6 + (2 if seen.body.on_floor else 0)
     covariance = fit.covariance[best] * inflation(float(fit.chi2[best]), freedoms)
     if rival is not None and seen.T_world_body is None:
         apart = difference(T[rival], T[best])
@@ -192,7 +192,7 @@ def _choose(seen: SeenBody, fit: PoseFit, camera: CameraPose) -> tuple[Transform
 def _fits(seen: SeenBody, fit: PoseFit, k: int, camera: CameraPose) -> bool:
     """Tell whether a candidate's corners lie where they should, and a floor body stands."""
     sigma_px = sum(float(tag.points.sigma_px[0]) for tag in seen.tags) / len(seen.tags)
-    stands = seen.body.motion != "floor" or _lean(fit.T_camera_body[k], camera) <= MAX_LEAN_RAD
+    stands = not seen.body.on_floor or _lean(fit.T_camera_body[k], camera) <= MAX_LEAN_RAD
     return stands and float(fit.rms_sigma[k]) * sigma_px <= residual_limit_px(seen.width_px)
 
 

@@ -32,7 +32,7 @@ _REPEATING = 4.0
 _SLOW_RAD_S = math.radians(2.0)
 """Slower the reports' own noise may look like a motion, and that motion tells nothing of the offset."""
 _GATE = 5.0
-"""An angle further from what is expected, in sigmas, counts as one that far."""
+"""An angle further from what is expected, in sigmas, tells that less is known than was thought."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,9 +80,11 @@ def learn(
         expected = told_rad[axis] + mean[1 + axis] + turning[axis] * (mean[0] - offset.mean[0])
         S = float(H @ P @ H) + _REPEATING * (reading.sigma_rad**2 + float(variance[axis]))
         innovation = wrap_angle(reading.angle_rad - expected)
-        limit = _GATE * math.sqrt(S)
+        if (beyond := innovation**2 / (_GATE**2 * S)) > 1.0:
+            P *= beyond
+            S *= beyond
         K = P @ H / S
-        mean = mean + K * min(max(innovation, -limit), limit)
+        mean = mean + K * innovation
         P = P - np.outer(K, H @ P)
     mean[0] = min(max(float(mean[0]), -MOST_S), MOST_S)
     return replace(offset, stamp_s=shown[0].stamp_s, mean=mean, covariance=0.5 * (P + P.T))

@@ -80,7 +80,7 @@ def _see(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     poses = {pose.camera_id: pose for pose in together.camera_poses}
     histories = state.histories
     for each in found:
-        if each.view is not None:
+        if each.view is not None and each.view.carried is not None:
             histories = locate.with_offset(histories, rig.cameras[each.view.camera_id], each.head_angles)
     state = replace(
         state,

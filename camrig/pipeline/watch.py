@@ -128,8 +128,10 @@ def with_corrections(
         pose = poses.get(carried.camera_id) if carried is not None else None
         if carried is None or pose is None or isinstance(rig.cameras[pose.camera_id].mount, DroneMount):
             continue
-        if pose.stamp_s == carried.stamp_s:
-            after[pose.camera_id] = with_correction(after.get(pose.camera_id), carried, pose)
+        if pose.stamp_s != carried.stamp_s:
+            continue
+        if (drift := with_correction(after.get(pose.camera_id), carried, pose)) is not None:
+            after[pose.camera_id] = drift
     return after
 
 
@@ -138,13 +140,12 @@ def camera_events(state: State, now_s: float) -> tuple[Event, ...]:
     told = []
     for name, drift in state.drifts.items():
         if drift.alarming:
-            off = f"{math.degrees(drift.turned_rad):.1f} deg and {1e3 * drift.moved_m:.0f} mm"
-            text = f"is {off} off where its calibration and readings put it, more than these allow: calibrate it again"
+            text = "is not where its calibration and readings put it (`camrig status`): see to its mount, calibrate it"
             told.append(Event(now_s, Level.WARNING, name, text))
     for name, offset in state.histories.offsets.items():
         if abs(offset.offset_s) > OFFSET_TOLD_S and abs(offset.offset_s) > 5.0 * offset.sigma_s:
             late = "late" if offset.offset_s > 0.0 else "early"
-            text = f"its head reports {abs(offset.offset_s):.2f} s {late} by its pictures: reckoned with"
+            text = f"its head reports {late} by its pictures (`camrig status`): reckoned with"
             told.append(Event(now_s, Level.INFO, name, text))
     return tuple(told)
 

@@ -28,7 +28,7 @@ def rig_of(motion: str) -> Rig:
 ALL_NEW = fuse.Settings(repeating=0.0)
 """Corner noise white in time, as those tests draw it."""
 
-FLOOR, FREE, STATIC = rig_of("floor"), rig_of("free"), rig_of("static")
+FLOOR, DRIVES, FREE, STATIC = (rig_of(motion) for motion in ("floor", "drives", "free", "static"))
 HERE = np.array([1.0, 2.0, 0.0])
 
 
@@ -197,21 +197,47 @@ def test_what_drives_along_an_arc_is_predicted_along_it() -> None:
     for k in range(150):
         place, yaw_rad = on_circle(k / 30.0)
         frames.append(fix(k / 30.0, place + 0.002 * rng.normal(size=3), yaw_rad=yaw_rad + 0.01 * rng.normal()))
-    tracks, _ = fused(frames)
-    for ahead_s in (0.1, 0.2, 0.4):
+    tracks, _ = fused(frames, DRIVES)
+    for ahead_s in (0.1, 0.2):
         place, yaw_rad = on_circle(frames[-1].stamp_s + ahead_s)
-        found = target(tracks, frames[-1].stamp_s + ahead_s)
+        found = target(tracks, frames[-1].stamp_s + ahead_s, DRIVES)
         assert found.position_m == pytest.approx(place, abs=0.008)
         assert abs(wrap_angle(yaw_of(found.R_world_body) - yaw_rad)) < 0.06
-    motion = fuse.motions(tracks, FLOOR, frames[-1].stamp_s)["t"]
+    motion = fuse.motions(tracks, DRIVES, frames[-1].stamp_s)["t"]
     assert motion.turn_rate_rad_s == pytest.approx(1.0, abs=0.1)
     moved = on_circle(frames[-1].stamp_s - 0.2)[0] - on_circle(frames[-1].stamp_s)[0]
     assert motion.shift_m(-0.2) == pytest.approx(moved, abs=0.006)
 
 
+@pytest.mark.parametrize("spin_rad_s", [0.5, 1.0, 2.0])
+def test_what_slides_while_it_spins_is_no_worse_for_it_unless_the_file_says_that_it_drives(spin_rad_s: float) -> None:
+    rng, values = np.random.default_rng(8), []
+    tracks = fuse.Tracks()
+    for k in range(150):
+        place = HERE + np.array([0.04 * k, 0.0, 0.0])
+        seen_at = fix(0.1 * k, place + 0.002 * rng.normal(size=3), yaw_rad=0.1 * k * spin_rad_s)
+        tracks, _ = fuse.update(tracks, [seen_at], FLOOR)
+        found = target(tracks, 0.1 * k + 0.1)
+        error_m = found.position_m - place - [0.04, 0.0, 0.0]
+        values.append(float(error_m @ np.linalg.solve(found.covariance_m2, error_m)))
+    assert max(values[20:]) < 25.0
+
+
+@pytest.mark.parametrize("rig", [FLOOR, DRIVES], ids=["floor", "drives"])
+def test_a_lost_target_is_somewhere_in_the_house(rig: Rig) -> None:
+    """However fast it drove and turned: what grows with time grows no faster than it can go."""
+    frames = [fix(0.1 * k, HERE + 0.03 * k * np.eye(3)[0], yaw_rad=0.05 * k) for k in range(30)]
+    tracks, _ = fused(frames, rig)
+    for lost_s in (1.0, 10.0, 60.0, 3600.0):
+        found = target(tracks, frames[-1].stamp_s + lost_s, rig)
+        sigma_m = math.sqrt(float(np.linalg.eigvalsh(found.covariance_m2)[-1]))
+        assert sigma_m < 0.5 * lost_s
+        assert np.linalg.norm(found.position_m - HERE) < 1.0 + 0.4 * lost_s
+
+
 def test_a_body_that_is_picked_up_and_put_down_turned_does_not_spin() -> None:
     frames = [fix(0.1 * k, yaw_rad=0.0 if k < 20 else 2.5) for k in range(23)]
-    assert abs(fuse.motions(fused(frames)[0], FLOOR, 2.2)["t"].turn_rate_rad_s) < 0.2
+    assert abs(fuse.motions(fused(frames, DRIVES)[0], DRIVES, 2.2)["t"].turn_rate_rad_s) < 0.2
 
 
 def test_a_floor_targets_height_is_learnt_and_helps_its_place() -> None:

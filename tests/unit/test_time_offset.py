@@ -25,16 +25,21 @@ def swinging(stamp_s: float, swing_rad: float) -> tuple[float, float]:
 
 
 def learnt(
-    late_s: float, seconds: float, seed: int, swing_rad: float = SWING_RAD, bias_rad: float = 0.002
+    late_s: float,
+    seconds: float,
+    seed: int,
+    swing_rad: float = SWING_RAD,
+    bias_rad: float = 0.002,
+    noise_rad: float = REPORT_RAD,
 ) -> tuple[Histories, float]:
     """Return what was learnt of a head whose reports come from ``late_s`` before their stamps, and when."""
     rng, histories = np.random.default_rng(seed), Histories()
     stamp_s = 0.0
     for k in range(int(seconds * REPORTS_HZ)):
         told_s = k / REPORTS_HZ
-        pan_rad, tilt_rad = swinging(told_s - late_s, swing_rad) + rng.normal(bias_rad, REPORT_RAD, 2)
-        histories = histories.with_reading(AxisReading("h", "pan", pan_rad, told_s, REPORT_RAD, 0.0))
-        histories = histories.with_reading(AxisReading("h", "tilt", tilt_rad, told_s, REPORT_RAD, 0.0))
+        pan_rad, tilt_rad = swinging(told_s - late_s, swing_rad) + rng.normal(bias_rad, noise_rad, 2)
+        histories = histories.with_reading(AxisReading("h", "pan", pan_rad, told_s, noise_rad, 0.0))
+        histories = histories.with_reading(AxisReading("h", "tilt", tilt_rad, told_s, noise_rad, 0.0))
         stamp_s = told_s - 0.3 + rng.uniform(0.0, 0.1)
         T = KINEMATICS.T_world_camera(*swinging(stamp_s, swing_rad), T_MOUNT)
         shown = locate(seen(ON_FLOOR[:2], T, HEAD_CAMERA, rng, stamp_s), histories, RIG, {}).head_angles
@@ -51,6 +56,26 @@ def test_the_offset_of_a_moving_head_is_found_within_its_sigma(late_s: float) ->
         errors.append((offset.offset_s - late_s) / offset.sigma_s)
         assert abs(offset.offset_s - late_s) < 0.002
     assert np.abs(errors).max() < 4.0
+
+
+@pytest.mark.parametrize("late_s", [0.15, 0.24])
+def test_a_great_offset_is_never_thought_better_known_than_it_is(late_s: float) -> None:
+    for seconds in (10.0, 20.0, 40.0):
+        offset = learnt(late_s, seconds, 1)[0].offset("north")
+        assert abs(offset.offset_s - late_s) < 6.0 * offset.sigma_s
+    assert abs(offset.offset_s - late_s) < 0.01
+
+
+@pytest.mark.parametrize("lost_rad", [0.09, -0.17])
+def test_a_zero_that_is_lost_is_no_offset(lost_rad: float) -> None:
+    for seconds in (5.0, 15.0, 30.0):
+        offset = learnt(0.0, seconds, 2, bias_rad=lost_rad)[0].offset("north")
+        assert abs(offset.offset_s) < 4.0 * offset.sigma_s
+
+
+def test_the_noise_of_a_resting_heads_reports_is_no_motion() -> None:
+    offset = learnt(0.05, 30.0, 1, swing_rad=0.0, noise_rad=0.004)[0].offset("north")
+    assert abs(offset.offset_s) < 0.0005
 
 
 def test_a_resting_head_tells_nothing_of_it_whatever_its_bias() -> None:
