@@ -48,8 +48,8 @@ def estimates(room: Room, aims: Mapping[str, Aim], photographs: Mapping[str, Pho
     ``joint`` is camrig as it runs, which takes no mount and no lens for exact; ``joint exact`` is told that cameras and
     lenses are exactly what they are believed to be, as the paper's means take for granted.
     """
-    detected = _single_poses(room, aims, {name: each.detected for name, each in photographs.items()})
-    refined = _single_poses(room, aims, {name: each.refined for name, each in photographs.items()})
+    detected = single_poses(room, aims, {name: each.detected for name, each in photographs.items()})
+    refined = single_poses(room, aims, {name: each.refined for name, each in photographs.items()})
     views = _views(room, aims, photographs)
     motions = fuse.motions(fuse.Tracks(), room.rig, STAMP_S)
     return {
@@ -67,23 +67,23 @@ def estimates(room: Room, aims: Mapping[str, Aim], photographs: Mapping[str, Pho
 
 def fused_quality_m(room: Room, aims: Mapping[str, Aim], photographs: Mapping[str, Photograph]) -> dict[str, float]:
     """Return the paper's fused Q of every body that was detected, 1 / sum 1/Q over the cameras that detected it."""
-    poses = _single_poses(room, aims, {name: each.detected for name, each in photographs.items()})
+    poses = single_poses(room, aims, {name: each.detected for name, each in photographs.items()})
     return {name: float(fused(1.0 / np.array([each.quality_m for each in seen]))) for name, seen in poses.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Single:
+class Single:
     """A body by one picture alone: its place (3,) in the world, and the paper's Q there."""
 
     position_m: Array
     quality_m: float
 
 
-def _single_poses(
+def single_poses(
     room: Room, aims: Mapping[str, Aim], detections: Mapping[str, TagDetections]
-) -> dict[str, list[_Single]]:
+) -> dict[str, list[Single]]:
     """Return each body's poses by every camera: of the two that a square allows, the one that fits better."""
-    known, found = owners(room.rig), dict[str, list[_Single]]()
+    known, found = owners(room.rig), dict[str, list[Single]]()
     for camera_id, seen in detections.items():
         lens, T_world_camera = room.rig.cameras[camera_id].lens, room.believed_pose(camera_id, aims[camera_id])
         for tag in seen.tags:
@@ -96,19 +96,19 @@ def _single_poses(
                 T_camera_body: Transform = poses[0].T_camera_tag
                 quality_m = float(pixel_quality(lens, T_camera_body[:3, 3]))
                 position_m = (T_world_camera @ T_camera_body)[:3, 3]
-                found.setdefault(owner.target_id, []).append(_Single(position_m, quality_m))
+                found.setdefault(owner.target_id, []).append(Single(position_m, quality_m))
     return found
 
 
-def _equally(seen: Sequence[_Single]) -> Array:
+def _equally(seen: Sequence[Single]) -> Array:
     return np.ones(len(seen))
 
 
-def _by_quality(seen: Sequence[_Single]) -> Array:
+def _by_quality(seen: Sequence[Single]) -> Array:
     return 1.0 / np.array([each.quality_m for each in seen])
 
 
-def _weighted(poses: Mapping[str, list[_Single]], weigh: Callable[[Sequence[_Single]], Array]) -> Estimates:
+def _weighted(poses: Mapping[str, list[Single]], weigh: Callable[[Sequence[Single]], Array]) -> Estimates:
     return {
         name: Estimated(np.average([each.position_m for each in seen], axis=0, weights=weigh(seen)))
         for name, seen in poses.items()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from camrig.geometry.arrays import Array
 
 _RESAMPLES = 2000
+_FEWER = 400
 _SEED = 2026
 _INTERVAL_PERCENT = (2.5, 97.5)
 
@@ -59,6 +60,15 @@ def mean_of_groups(groups: Sequence[Array]) -> Ranged | None:
     Values of one group (the bodies of one scene) may share their errors: to draw them singly would make them too sure.
     """
     return ratio_of_means([(group, np.ones(len(group))) for group in groups])
+
+
+def figure_of_groups(groups: Sequence[Array], figure: Callable[[Array], float]) -> Ranged:
+    """Return any figure of all rows of the groups, of which at least one has some, with its interval as
+    ``mean_of_groups``, from fewer draws: it is called for each.
+    """
+    known = [group for group in groups if len(group)]
+    draws = _draws(len(known))[:_FEWER]
+    return _ranged(figure(np.concatenate(known)), [figure(np.concatenate([known[k] for k in draw])) for draw in draws])
 
 
 def percentile_of_groups(groups: Sequence[Array], percent: float) -> Ranged | None:
