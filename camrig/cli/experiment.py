@@ -15,6 +15,7 @@ from camrig.cli.console import people, print_json, progress_bar
 from camrig.cli.experiment_common import sizes_of, tell_left_out, write
 from camrig.cli.experiment_model import model
 from camrig.cli.experiment_table1 import table1
+from camrig.cli.experiment_table2 import table2
 from camrig.cli.signals import interrupting
 from camrig.errors import InputError
 from camrig.experiments import machine
@@ -143,3 +144,4 @@ def _panels(scenes: Sequence[SceneRun]) -> list[tuple[str, Scene, RigPlan]]:
 
 experiment.command()(table1)
 experiment.command()(model)
+experiment.command()(table2)
