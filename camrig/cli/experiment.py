@@ -12,6 +12,7 @@ import typer
 
 from camrig.cli.choice import choice, choices
 from camrig.cli.console import people, print_json, progress_bar
+from camrig.cli.experiment_accuracy import accuracy
 from camrig.cli.experiment_common import sizes_of, tell_left_out, write
 from camrig.cli.experiment_model import model
 from camrig.cli.experiment_table1 import table1
@@ -145,3 +146,4 @@ def _panels(scenes: Sequence[SceneRun]) -> list[tuple[str, Scene, RigPlan]]:
 experiment.command()(table1)
 experiment.command()(model)
 experiment.command()(table2)
+experiment.command()(accuracy)

@@ -17,7 +17,7 @@ from camrig.experiments import machine
 from camrig.experiments.kept import Kept
 from camrig.experiments.model import CORNERS, MODES, QUALITIES, Setup, Sighted, jobs, work
 from camrig.experiments.model_report import Report, as_json, as_markdown
-from camrig.experiments.photographs import darkroom
+from camrig.experiments.photographs import detector, painter
 from camrig.experiments.scenes import LAB_LENS
 
 
@@ -32,7 +32,8 @@ def model(
     """Compare what each quality model promises of tags with how far off single pictures have them."""
     setup = Setup(pictures, seed)
     folder = folder_of(out)
-    darkroom()
+    painter()  # what is not installed is said before anything is done
+    detector()
     kept = Kept(None if folder is None else folder / "model.jsonl", f"model of camrig {metadata.version('camrig')}")
     found = results_of("taking pictures", work, list(jobs(setup)), kept, processes, hidden=as_json_object)
     command = f"{machine.THREADS}=1 camrig experiment model --pictures {pictures} --seed {seed}"

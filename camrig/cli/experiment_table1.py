@@ -19,7 +19,7 @@ from camrig.errors import InputError
 from camrig.experiments import machine
 from camrig.experiments.configurations import CONFIGURATIONS, of_quality, running_settings
 from camrig.experiments.kept import Kept
-from camrig.experiments.photographs import darkroom
+from camrig.experiments.photographs import detector, painter
 from camrig.experiments.table1 import CONDITIONS, MODES, SIZES, Setup, Trial, jobs, unable, work
 from camrig.experiments.table1_report import Report, as_json, as_markdown
 
@@ -83,7 +83,8 @@ def _draw(report: Report, folder: Path) -> None:
 
 
 def _report(asked: Setup, folder: Path | None, processes: int, *, hidden: bool) -> Report:
-    darkroom()
+    painter()  # what is not installed is said before anything is done
+    detector()
     load_kernels(running_settings(PlannerModel().quality))
     load_daemons_kernels()
     left_out = unable(asked)

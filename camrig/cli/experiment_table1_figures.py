@@ -10,7 +10,7 @@ import numpy as np
 
 from camrig.experiments.configurations import Configuration, planned, scene_for
 from camrig.experiments.estimators import Estimator
-from camrig.experiments.photographs import darkroom
+from camrig.experiments.photographs import photograph
 from camrig.experiments.rooms import Room
 from camrig.experiments.scenes import Place
 from camrig.experiments.table1 import Job, Trial, room_of
@@ -84,7 +84,7 @@ def _views(room: Room, configuration: Configuration) -> list[CameraView]:
     plan = planned(configuration, room, _now)
     views = []
     for name in room.rig.cameras:
-        seen = darkroom().photograph(room, name, plan.aims[name])
+        seen = photograph(room, name, plan.aims[name])
         corners = np.array([tag.corners_px for tag in seen.detected.tags]).reshape(-1, 4, 2)
         views.append(CameraView(name, seen.image, corners))
     return views

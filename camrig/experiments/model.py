@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from camrig.experiments.estimators import single_poses
-from camrig.experiments.photographs import Photograph, darkroom
+from camrig.experiments.photographs import Photograph, photograph
 from camrig.experiments.rooms import TAG_SIZE_M, Room, Wrong, draw_room
 from camrig.experiments.scenes import FLOOR_M, HEIGHTS_M, LAB_LENS, TILT_RAD, Mode, Place
 from camrig.geometry.arrays import Transform
@@ -79,7 +79,7 @@ def work(job: Job) -> list[dict[str, Any]]:
     room = draw_room(Place(job.mode, 1, TAGS, job.seed), Wrong(), anchors=False)
     (camera_id,) = room.rig.cameras
     aim = _random_aim(room, camera_id, job)
-    seen = darkroom().photograph(room, camera_id, aim)
+    seen = photograph(room, camera_id, aim)
     found = {corners: _positions(room, camera_id, aim, seen, corners) for corners in CORNERS}
     promised = {corners: _promised(room, room.true_pose(camera_id, aim), corners) for corners in CORNERS}
     sightings = []

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal
 
 import numpy as np
 
@@ -49,31 +48,33 @@ class Photograph:
     in_picture: frozenset[TagKey]
 
 
-@dataclass(frozen=True)
-class Darkroom:
-    """What takes pictures and looks for tags in them."""
-
-    painter: Painter
-    detector: TagDetector
-
-    def photograph(self, room: Room, camera_id: str, aim: Aim) -> Photograph:
-        """Take the picture of a camera at an aim; its noise depends on the room's seed and the camera alone."""
-        camera, true_lens = room.rig.cameras[camera_id], room.errors[camera_id].lens
-        T_world_camera = room.true_pose(camera_id, aim)
-        number = tuple(room.rig.cameras).index(camera_id)
-        image = self.painter.paint(
-            room.rig, true_lens, lambda _: (T_world_camera, room.bodies), 100 * room.place.seed + number
-        )
-        frame = Frame(camera_id, image, STAMP_S, 0)
-        detected = detect_tags(frame, self.detector, lambda: 0.0)
-        refined = detect_tags(frame, _Known(detected.tags), lambda: 0.0, lens=camera.lens)
-        return Photograph(image, detected, refined, _in_picture(room, camera_id, T_world_camera))
+def photograph(room: Room, camera_id: str, aim: Aim) -> Photograph:
+    """Take the picture of a camera at an aim; its noise depends on the room's seed and the camera alone."""
+    camera, true_lens = room.rig.cameras[camera_id], room.errors[camera_id].lens
+    T_world_camera = room.true_pose(camera_id, aim)
+    number = tuple(room.rig.cameras).index(camera_id)
+    seed = 100 * room.place.seed + number
+    image = painter().paint(room.rig, true_lens, lambda _: (T_world_camera, room.bodies), seed)
+    frame = Frame(camera_id, image, STAMP_S, 0)
+    detected = detect_tags(frame, detector(), lambda: 0.0)
+    refined = detect_tags(frame, _Known(detected.tags), lambda: 0.0, lens=camera.lens)
+    return Photograph(image, detected, refined, _in_picture(room, camera_id, T_world_camera))
 
 
 @cache
-def darkroom() -> Darkroom:
+def painter(noise_grey: float = 4.0, psf_px: float = 0.7, exposure_s: float = 0.002) -> Painter:
+    """Return this process's painter of such pictures. Raises InputError for a missing plug-in."""
+    plugin = plugins.load_plugin("painters", _PAINTER)
+    made: Painter = plugin.make(plugin.section(noise_grey=noise_grey, psf_px=psf_px, exposure_s=exposure_s))
+    return made
+
+
+@cache
+def detector() -> TagDetector:
     """Return this process's: a detector is kept as long as its process. Raises InputError for a missing plug-in."""
-    return Darkroom(_made("painters", _PAINTER), _made("detectors", _DETECTOR, families=(FAMILY,), decimate=1))
+    plugin = plugins.load_plugin("detectors", _DETECTOR)
+    made: TagDetector = plugin.make(plugin.section(families=(FAMILY,), decimate=1.0))
+    return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +120,3 @@ def _in_picture(room: Room, camera_id: str, T_world_camera: Transform) -> frozen
         if facing and bool(((corners_px >= low) & (corners_px <= high)).all()):
             found.add(key)
     return frozenset(found)
-
-
-def _made(group: Literal["painters", "detectors"], name: str, **keys: object) -> Any:
-    plugin = plugins.load_plugin(group, name)
-    return plugin.make(plugin.section(**keys))

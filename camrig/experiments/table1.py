@@ -16,7 +16,7 @@ import numpy as np
 from camrig.errors import InputError
 from camrig.experiments.configurations import CONFIGURATIONS, Configuration, planned
 from camrig.experiments.estimators import ESTIMATORS, Estimated, Estimates, Estimator, estimates, fused_quality_m
-from camrig.experiments.photographs import darkroom
+from camrig.experiments.photographs import photograph
 from camrig.experiments.rooms import Room, Wrong, draw_room
 from camrig.experiments.scenes import Mode, Place
 from camrig.geometry.arrays import Array, Transform
@@ -127,7 +127,7 @@ def work(job: Job) -> list[dict[str, Any]]:
 
 def _trial(job: Job, room: Room, configuration: Configuration) -> Trial:
     plan = planned(configuration, room, time.perf_counter)
-    photographs = {name: darkroom().photograph(room, name, plan.aims[name]) for name in room.rig.cameras}
+    photographs = {name: photograph(room, name, plan.aims[name]) for name in room.rig.cameras}
     found = estimates(room, plan.aims, photographs)
     in_picture = {(name, key) for name, each in photographs.items() for key in each.in_picture}
     detected = {(name, tag.key) for name, each in photographs.items() for tag in each.detected.tags}
