@@ -18,6 +18,7 @@ from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pnp import observe_tags, square_poses
 from camrig.locate.tags import owners
 from camrig.messages import Aim, Fix, TagDetections
+from camrig.rig import Rig
 from camrig.sensing import fused, pixel_quality
 
 Estimator = Literal["mean", "quality", "mean refined", "quality refined", "covariance", "joint", "joint exact"]
@@ -60,7 +61,7 @@ def estimates(room: Room, aims: Mapping[str, Aim], photographs: Mapping[str, Pho
         "covariance": _by_covariance(locate.apart(views).fixes),
         "joint": _of_fixes(locate.joint(views, (), motions, room.rig)),
         "joint exact": _of_fixes(
-            locate.joint([_taken_for_exact(view) for view in views], (), motions, room.rig, _EXACT_LENS)
+            locate.joint([_taken_for_exact(view) for view in views], (), motions, _with_exact_lenses(room.rig))
         ),
     }
 
@@ -144,3 +145,7 @@ def _taken_for_exact(view: locate.View) -> locate.View:
         return view
     exact = replace(view.carried, covariance=_EXACT_POSE)
     return replace(view, carried=exact, found=exact)
+
+
+def _with_exact_lenses(rig: Rig) -> Rig:
+    return replace(rig, cameras={name: replace(each, lens_sigma=_EXACT_LENS) for name, each in rig.cameras.items()})
