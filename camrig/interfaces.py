@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from camrig.geometry.arrays import GreyImage, Transform
+from camrig.geometry.lens import Lens
 from camrig.messages import (
     AxisReading,
     BodyPose,
@@ -69,7 +70,9 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Plugin(Generic[DeviceT]):
-    """What an entry point of ``camrig.detectors``, ``.sinks`` or ``.emulators`` names: one section, one thing."""
+    """What an entry point of ``camrig.detectors``, ``.sinks``, ``.emulators`` or ``.painters`` names: one section, one
+    thing.
+    """
 
     section: type[Any]
     make: Callable[[Any], DeviceT]
@@ -292,6 +295,21 @@ class World(Protocol):
 
     def stop(self) -> None:
         """Stop everything, leaving no thread, descriptor or child; twice is allowed."""
+        ...
+
+
+Instant = tuple[Transform, Mapping[str, Transform]]
+"""``T_world_camera``, and ``T_world_body`` of every target by id, at one time."""
+
+
+class Painter(Protocol):
+    """Draws what a camera truly sees of a rig's targets, anchors and boxes, off-line. Used by one thread."""
+
+    def paint(self, rig: Rig, lens: Lens, instant_at: Callable[[float], Instant], seed: int) -> GreyImage:
+        """Return the raw (height, width) picture through ``lens``, whatever the rig believes of its cameras. Of
+        ``instant_at`` seconds within the exposure are asked, 0 in its middle. ``seed`` is of the noise: the same
+        arguments give the same picture. Raises InputError for what cannot be drawn.
+        """
         ...
 
 

@@ -1,4 +1,4 @@
-"""Finds drivers, detectors, sinks, worlds and emulators by entry point, and imports only the one that is asked for."""
+"""Finds drivers, detectors, sinks, worlds, emulators, painters by entry point; imports only the one asked for."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from camrig.interfaces import Driver, Plugin, WorldPlugin
 
 KindT = TypeVar("KindT")
 
-Group = Literal["cameras", "detectors", "heads", "drones", "sinks", "worlds", "emulators"]
+Group = Literal["cameras", "detectors", "heads", "drones", "sinks", "worlds", "emulators", "painters"]
 
 
 def names(group: Group) -> tuple[str, ...]:
@@ -23,8 +23,8 @@ def load_driver(group: Literal["cameras", "heads", "drones"], name: str) -> Driv
     return _load(group, name, Driver)
 
 
-def load_plugin(group: Literal["detectors", "sinks", "emulators"], name: str) -> Plugin[Any]:
-    """Import a detector, sink or emulator; raises InputError for a name that is not installed."""
+def load_plugin(group: Literal["detectors", "sinks", "emulators", "painters"], name: str) -> Plugin[Any]:
+    """Import a detector, sink, emulator or painter; raises InputError for a name that is not installed."""
     return _load(group, name, Plugin)
 
 

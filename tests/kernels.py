@@ -13,7 +13,7 @@ from camrig import detect, locate
 from camrig.optimise import PlannerSettings, warm_up
 detect.warm_up()
 locate.warm_up()
-warm_up(PlannerSettings(visibility="image"))
+warm_up(PlannerSettings(quality="fisher", visibility="image"))
 """
 """All of it, in one process."""
 

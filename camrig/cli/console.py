@@ -20,7 +20,7 @@ results = Console()
 
 def print_json(answer: Mapping[str, object]) -> None:
     """Write one JSON object on a line of standard output; NaN and infinity become null."""
-    sys.stdout.write(json.dumps(_finite(answer), ensure_ascii=False, allow_nan=False) + "\n")
+    sys.stdout.write(json.dumps(finite(answer), ensure_ascii=False, allow_nan=False) + "\n")
     sys.stdout.flush()
 
 
@@ -33,11 +33,12 @@ def progress_bar(description: str, total: float, *, hidden: bool = False) -> Ite
         yield progress
 
 
-def _finite(value: object) -> object:
+def finite(value: object) -> object:
+    """Return what JSON can say of a value: NaN and infinity become null, tuples lists."""
     if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
+        return {str(key): finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, get_args
 
 import numpy as np
 import typer
-from rich.markup import escape
 
 from camrig.cli.choice import choice, choices
 from camrig.cli.console import people, print_json, progress_bar
+from camrig.cli.experiment_accuracy import accuracy
+from camrig.cli.experiment_common import sizes_of, tell_left_out, write
+from camrig.cli.experiment_model import model
+from camrig.cli.experiment_table1 import table1
+from camrig.cli.experiment_table2 import table2
 from camrig.cli.signals import interrupting
-from camrig.errors import InputError, PartialError
+from camrig.errors import InputError
 from camrig.experiments import machine
 from camrig.experiments.planner import MODES, SIZES, Clocks, SceneRun, Setup, able, run
 from camrig.experiments.planner_report import REFERENCE, Report, as_json, as_markdown
@@ -55,7 +59,7 @@ def planner(
 ) -> None:
     """Compare all solvers on the same random scenes. Set OMP_NUM_THREADS=1: the figures are of one thread."""
     asked = Setup(
-        sizes=_sizes(sizes),
+        sizes=sizes_of(sizes),
         modes=choices("--modes", modes, MODES),
         runs=runs,
         seed=seed,
@@ -67,24 +71,14 @@ def planner(
     _check_files(asked, out, picture)
     report = _report(asked, hidden=as_json_object)
     if out is not None:
-        _write(out, as_markdown(report))
+        write(out, as_markdown(report))
     if picture is not None:
         plan_panel(picture, _panels(report.scenes))
     if as_json_object:
         print_json(as_json(report))
     elif out is None:
         typer.echo(as_markdown(report), nl=False)
-    _tell_left_out(report.left_out.values(), by_name=solvers is not None)
-
-
-def _sizes(text: str) -> tuple[tuple[int, int], ...]:
-    found = []
-    for size in text.split(","):
-        cameras, _, targets = size.strip().partition("x")
-        if not (cameras.isdecimal() and targets.isdecimal() and int(cameras) and int(targets)):
-            raise InputError(f"--sizes takes cameras x targets with commas between, as in 3x3,5x10, not '{size}'")
-        found.append((int(cameras), int(targets)))
-    return tuple(dict.fromkeys(found))
+    tell_left_out(report.left_out.values(), by_name=solvers is not None)
 
 
 def _check_files(asked: Setup, out: Path | None, picture: Path | None) -> None:
@@ -149,18 +143,7 @@ def _panels(scenes: Sequence[SceneRun]) -> list[tuple[str, Scene, RigPlan]]:
     ]
 
 
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
-
-
-def _tell_left_out(reasons: Collection[str], *, by_name: bool) -> None:
-    """Raise PartialError where a solver that was asked for by name was left out; else only say so."""
-    if not reasons:
-        return
-    text = "\n".join(reasons)
-    if by_name:
-        raise PartialError(text)
-    people.print(f"[yellow]note:[/yellow] {escape(text)}", soft_wrap=True, highlight=False)
+experiment.command()(table1)
+experiment.command()(model)
+experiment.command()(table2)
+experiment.command()(accuracy)

@@ -244,7 +244,7 @@ class SpaceModel(StrictModel):
 class PlannerModel(StrictModel):
     """How the rig is planned."""
 
-    quality: Quality = "pixel"
+    quality: Quality = "fisher"
     visibility: Visibility = "image"
     objective: Objective = "mean"
     period_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0

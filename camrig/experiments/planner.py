@@ -13,7 +13,7 @@ from typing import get_args
 from camrig.errors import InputError
 from camrig.experiments import best_known
 from camrig.experiments.best_known import Task, worth
-from camrig.experiments.scenes import Mode, random_scene
+from camrig.experiments.scenes import Mode, Place, random_scene
 from camrig.messages import RigPlan
 from camrig.optimise import PlannerSettings, Scene
 from camrig.optimise.scene import Objective, Quality, Visibility
@@ -58,16 +58,6 @@ class Setup:
     def scenes(self) -> int:
         """How many scenes that makes."""
         return len(self.sizes) * len(self.modes) * self.runs
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Which random scene it is."""
-
-    mode: Mode
-    cameras: int
-    targets: int
-    seed: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from camrig.experiments.machine import in_words
 from camrig.experiments.planner import SAME, Answer, SceneRun, Setup
 from camrig.experiments.scenes import Mode
-from camrig.experiments.statistics import Median, Spread, paired_ratio, spread
+from camrig.experiments.statistics import Ranged, Spread, paired_ratio, spread
 from camrig.optimise.solvers import Solver
 
 REFERENCE: Solver = "camrig"
@@ -25,8 +25,8 @@ class Cell:
     solve_ms: Spread
     cpu_ms: Spread
     build_ms: Spread
-    ratio: Median | None
-    cpu_ratio: Median | None
+    ratio: Ranged | None
+    cpu_ratio: Ranged | None
     gap_percent: Spread | None
     uncovered: int
     """Targets it leaves out beyond those that the best leaves out, over all scenes."""
@@ -102,7 +102,7 @@ def _ms(answers: Sequence[Answer], of: Callable[[Answer], float]) -> Spread:
     return found
 
 
-def _ratio(answers: Sequence[Answer], references: Sequence[Answer], of: Callable[[Answer], float]) -> Median | None:
+def _ratio(answers: Sequence[Answer], references: Sequence[Answer], of: Callable[[Answer], float]) -> Ranged | None:
     return paired_ratio([of(each) for each in answers], [of(each) for each in references]) if references else None
 
 
@@ -196,7 +196,7 @@ def _row(first: str, cell: Cell, *, timed: bool) -> str:
     return f"| {' | '.join(fields)} |"
 
 
-def _ranged(found: Median, form: str) -> str:
+def _ranged(found: Ranged, form: str) -> str:
     return f"{found.value:{form}} [{found.low:{form}}, {found.high:{form}}]"
 
 

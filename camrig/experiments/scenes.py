@@ -6,6 +6,7 @@ Drawn from a seed alone.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -17,6 +18,17 @@ from camrig.geometry.pose import transform
 from camrig.optimise import DronePlace, HeadPlace, PlannerSettings, PoseSigma, Scene, SceneCamera, SceneTarget
 
 Mode = Literal["ptz", "drone"]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Which random scene it is."""
+
+    mode: Mode
+    cameras: int
+    targets: int
+    seed: int
+
 
 PAPER = PlannerSettings()
 

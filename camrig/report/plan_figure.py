@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FormatStrFormatter, LogLocator
 
-from camrig.errors import InputError
 from camrig.messages import RigPlan
 from camrig.optimise import Scene
+from camrig.report.canvas import figure_of, save, style
 from camrig.report.plan_axes import BOX, COLOURS, CROWD, NOWHERE, RED, SYMBOLS, Extent, Words, draw_plan, extent_of
 from camrig.report.plan_labels import place_labels
 from camrig.report.plan_map import QUALITY_UNITS
@@ -28,15 +24,6 @@ from camrig.report.plan_map import QUALITY_UNITS
 _LONG_INCHES, _SHORT_INCHES = 8.0, 3.0
 """What the longer side of a room takes, and the least that the shorter one gets."""
 _PANEL_INCHES = 4.2
-_DPI = 150
-_STYLE: Any = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9.0,
-    "axes.titlesize": 10.0,
-    "axes.titlelocation": "left",
-    "hatch.linewidth": 0.5,
-    "svg.hashsalt": "camrig",
-}
 
 
 def write_map(path: Path, title: str, scene: Scene, plan: RigPlan) -> None:
@@ -46,14 +33,14 @@ def write_map(path: Path, title: str, scene: Scene, plan: RigPlan) -> None:
     width, height = (
         max(_SHORT_INCHES, _LONG_INCHES * side_m / longest_m) for side_m in (extent.width_m, extent.depth_m)
     )
-    with _style():
-        figure = _figure(width + 1.6, height + 1.3)
+    with style():
+        figure = figure_of(width + 1.6, height + 1.3)
         axes = figure.add_subplot()
         words = _draw(figure, axes, f"{title}: {_summary(scene, plan)}", scene, plan, extent)
         figure.legend(handles=_legend(scene, plan), loc="outside lower center", ncols=3, frameon=False)
         figure.draw_without_rendering()
         place_labels(axes, words)
-        _save(figure, path)
+        save(figure, path)
 
 
 def write_panel(path: Path, panels: Sequence[tuple[str, Scene, RigPlan]]) -> None:
@@ -62,8 +49,8 @@ def write_panel(path: Path, panels: Sequence[tuple[str, Scene, RigPlan]]) -> Non
     rows = math.ceil(len(panels) / columns)
     extents = [extent_of(scene, plan) for _, scene, plan in panels]
     shape = float(np.clip(max(each.depth_m / each.width_m for each in extents), 0.4, 1.5))
-    with _style():
-        figure = _figure(columns * (_PANEL_INCHES + 1.3), rows * (_PANEL_INCHES * shape + 1.1))
+    with style():
+        figure = figure_of(columns * (_PANEL_INCHES + 1.3), rows * (_PANEL_INCHES * shape + 1.1))
         drawn = []
         for number, ((title, scene, plan), extent) in enumerate(zip(panels, extents, strict=True), 1):
             axes = figure.add_subplot(rows, columns, number)
@@ -72,17 +59,7 @@ def write_panel(path: Path, panels: Sequence[tuple[str, Scene, RigPlan]]) -> Non
         figure.draw_without_rendering()
         for axes, words in drawn:
             place_labels(axes, words)
-        _save(figure, path)
-
-
-def _style() -> AbstractContextManager[None]:
-    return mpl.rc_context(_STYLE)
-
-
-def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+        save(figure, path)
 
 
 def _draw(figure: Figure, axes: Axes, title: str, scene: Scene, plan: RigPlan, extent: Extent) -> Words:
@@ -128,11 +105,3 @@ def _legend(scene: Scene, plan: RigPlan) -> list[Line2D | Patch]:
 
 def _symbol(marker: str, label: str) -> Line2D:
     return Line2D([], [], linestyle="", marker=marker, color="black", label=label)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    figure.set_layout_engine("none")
-    try:
-        figure.savefig(path, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error

@@ -59,11 +59,15 @@ class Scenery:
         self.box_limits_m = rig.space.keep_out_m
         self.floor_m = rig.space.floor_m
         self._motions = dict(motions)
-        self._shapes = {name: _body_shape(rig.targets[name]) for name in motions}
+        self._shapes = {name: _body_shape(body) for name, body in rig.targets.items()}
 
     def robots(self, time_s: float) -> tuple[Thing, ...]:
         """Return every target as it stands at one world time."""
-        return tuple(_posed(self._shapes[name], T) for name, T in self.poses(time_s).items())
+        return self.posed(self.poses(time_s))
+
+    def posed(self, places: Mapping[str, Transform]) -> tuple[Thing, ...]:
+        """Return targets where they are said to stand, ``T_world_body`` by id."""
+        return tuple(_posed(self._shapes[name], T) for name, T in places.items())
 
     def poses(self, time_s: float) -> dict[str, Transform]:
         """Return ``T_world_body`` of every target at one world time: the truth."""

@@ -11,9 +11,9 @@ import pytest
 
 from camrig.experiments import best_known
 from camrig.experiments.best_known import Task
-from camrig.experiments.planner import Answer, Clocks, Place, SceneRun, Setup, run
+from camrig.experiments.planner import Answer, Clocks, SceneRun, Setup, run
 from camrig.experiments.planner_report import cells, groups
-from camrig.experiments.scenes import random_hall, random_scene
+from camrig.experiments.scenes import Place, random_hall, random_scene
 from camrig.experiments.statistics import median, paired_ratio, spread
 from camrig.messages import PlanStatus, RigPlan, TargetQuality
 from camrig.optimise.configuration import task_of
