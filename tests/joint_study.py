@@ -40,14 +40,17 @@ class Row:
     n: int
 
 
-def study(size: tuple[int, int], anchors: bool, errors: Errors, scenes: int, seed: int, known_height: bool) -> Row:
+def study(
+    size: tuple[int, int], anchors: bool, errors: Errors, scenes: int, seed: int, known_height: bool, known_lenses: bool
+) -> Row:
     """Draw scenes of a size, look once with every camera, and place every body that is seen."""
     joint_m, single_m, nees = [], [], []
     for scene in range(scenes):
         floor = Floor(1000 * seed + scene, *size, anchors, known_height, errors)
         views = floor.views()
         motions = fuse.motions(fuse.Tracks(), floor.rig, 1.0)
-        for fix in locate.joint(views, (), motions, floor.rig).fixes:
+        lenses = known_exactly(floor) if known_lenses else locate.AS_CALIBRATED
+        for fix in locate.joint(views, (), motions, floor.rig, lenses).fixes:
             error_m = fix.T_world_body[:3, 3] - floor.places[fix.target_id][:3, 3]
             joint_m.append(math.hypot(*error_m[:2]))
             nees.append(float(error_m @ np.linalg.solve(fix.whole[:3, :3], error_m)))
@@ -88,6 +91,7 @@ def main() -> None:
     asked.add_argument("--scenes", type=int, default=40)
     asked.add_argument("--seed", type=int, default=1)
     asked.add_argument("--known-height", action="store_true", help="bodies' heights stand in the rig's file")
+    asked.add_argument("--known-lenses", action="store_true", help="camrig knows the lenses exactly")
     asked.add_argument(
         "--refine", action="store_true", help="two minutes of refining lenses; 0.2 deg of pointing error"
     )
@@ -104,7 +108,8 @@ def main() -> None:
     for kind, errors in KINDS.items():
         for anchors in (False, True):
             for size in SIZES:
-                row = study(size, anchors, errors, options.scenes, options.seed, options.known_height)
+                known = options.known_height, options.known_lenses
+                row = study(size, anchors, errors, options.scenes, options.seed, *known)
                 print(
                     f"| {kind} | {4 if anchors else 0} | {size[0]}, {size[1]} | {row.n} | {row.mean_mm:.2f} "
                     f"| {row.p95_mm:.2f} | {row.single_mm:.2f} | {row.nees:.2f} | {row.largest_nees:.1f} |",

@@ -146,7 +146,7 @@ def _rig(place: Place, mounts_m: Array, wrong: Wrong) -> Rig:
             )
             cameras[name] = CameraSpec(name, LAB_LENS, DroneMount(name, BELOW))
     targets = {
-        f"t{k + 1}": Body(f"t{k + 1}", (BodyTag(TagKey(FAMILY, k), TAG_SIZE_M, np.eye(4)),))
+        f"t{k + 1}": Body(f"t{k + 1}", (BodyTag(TagKey(FAMILY, k), TAG_SIZE_M, np.eye(4)),), "drives")
         for k in range(place.targets)
     }
     return Rig("table1", Space(((0.0, 0.0), FLOOR_M)), cameras, heads, drones, targets)
