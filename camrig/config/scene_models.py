@@ -23,7 +23,7 @@ from camrig.optimise import (
     SceneAnchor,
     SceneTarget,
 )
-from camrig.optimise.scene import Visibility
+from camrig.optimise.scene import Quality, Visibility
 from camrig.rig import Box
 
 Millimetres = Annotated[float, Field(ge=0.001, le=1000.0)]
@@ -180,6 +180,7 @@ class SceneAnchorModel(PlacedModel):
 class ScenePlannerModel(PlannerModel):
     """The planner's keys with a bare scene's defaults: the paper's problem."""
 
+    quality: Quality = "pixel"
     visibility: Visibility = "cone"
     deadline_s: Annotated[float, Field(ge=0.001, le=3600.0)] = 60.0
     margin_deg: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0

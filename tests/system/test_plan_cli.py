@@ -226,8 +226,9 @@ def test_a_picture_that_cannot_be_written_is_refused_before_planning(
     (tmp_path / "plan.svg").mkdir()
     run = camrig_plan(scene, "--picture", tmp_path / "plan.svg")
     assert (run.returncode, "cannot be written" in run.stderr) == (2, True)
-    monkeypatch.delitem(sys.modules, "camrig.report.plan_figure")
-    monkeypatch.delattr("camrig.report.plan_figure")
+    for module in ("camrig.report.plan_figure", "camrig.report.canvas"):
+        monkeypatch.delitem(sys.modules, module)
+        monkeypatch.delattr(module)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     run = camrig_plan(scene, "--picture", tmp_path / "plan.png")
     assert (run.returncode, run.stdout) == (2, "")
