@@ -92,17 +92,10 @@ def predict(belief: Belief, stamp_s: float, model: MotionModel) -> Belief:
     if dt_s <= 0.0:
         return belief
     F, Q = model.step(dt_s)
-    turned_rad, turning = 0.0, belief.turning
     if model.turn_sigma_rad_s > 0.0:
-        keep = math.exp(-dt_s / model.turn_memory_s)
-        reach_s = model.turn_memory_s * (1.0 - keep)  # for so long the rate of now is the rate
-        turned_rad = belief.turn_rate_rad_s * reach_s
-        F, Q = _along_an_arc(F, Q, belief, turned_rad, reach_s, dt_s)
-        A = np.array([[1.0, reach_s], [0.0, keep]])
-        gained = model.turn_sigma_rad_s**2 * (1.0 - keep * keep)
-        turning = A @ turning @ A.T + gained * np.array([[reach_s**2 / 3.0, reach_s / 2.0], [reach_s / 2.0, 1.0]])
-        belief = replace(belief, turn_rate_rad_s=keep * belief.turn_rate_rad_s)
-    R_turned = rotation_z(turned_rad) if turned_rad else np.eye(3)
+        belief, F, Q = _along_an_arc(belief, F, Q, model, dt_s)
+    turning = belief.turning.copy()
+    turning[0, 0] += model.turn_rad2_s * dt_s
     return replace(
         belief,
         stamp_s=stamp_s,
@@ -110,28 +103,38 @@ def predict(belief: Belief, stamp_s: float, model: MotionModel) -> Belief:
         weighed=F @ belief.weighed @ F.T + Q,
         white=F @ belief.white @ F.T + Q,
         sensitivity=F @ belief.sensitivity,
-        R_world_body=R_turned @ belief.R_world_body,
-        turning=turning + np.diag([model.turn_rad2_s * dt_s, 0.0]),
+        turning=turning,
     )
 
 
-def _along_an_arc(
-    F: Array, Q: Array, belief: Belief, turned_rad: float, reach_s: float, dt_s: float
-) -> tuple[Array, Array]:
-    """Return the transition of a velocity that turns meanwhile, and its noise with what is uncertain of the rate.
+def _along_an_arc(belief: Belief, F: Array, Q: Array, model: MotionModel, dt_s: float) -> tuple[Belief, Array, Array]:
+    """Return the belief with its heading and its rate carried on, and the transition and the noise of a velocity that
+    turns meanwhile, what is uncertain of the rate included.
 
     The chord of an arc leads half the angle aside and is shorter by sin(a/2) / (a/2). More than a radian aside is no
     direction any more.
     """
-    half = 0.5 * turned_rad
+    keep = math.exp(-dt_s / model.turn_memory_s)
+    reach_s = model.turn_memory_s * (1.0 - keep)  # for so long the rate of now is the rate
+    turned_rad = belief.turn_rate_rad_s * reach_s
+    half, R_turned = 0.5 * turned_rad, rotation_z(turned_rad)
     F = F.copy()
     F[:3, 3:] = math.sin(half) / half * (rotation_z(half) @ F[:3, 3:]) if half else F[:3, 3:]
-    F[3:, 3:] = rotation_z(turned_rad) @ F[3:, 3:]
+    F[3:, 3:] = R_turned @ F[3:, 3:]
     vx, vy, _ = belief.mean[3:]
     aside = np.array([-vy, vx, 0.0])
     aside_rad = min(math.sqrt(float(belief.turning[1, 1])) * reach_s, 1.0)
     by_rate = aside_rad * np.concatenate([0.5 * dt_s * aside, aside])
-    return F, Q + np.outer(by_rate, by_rate)
+    A = np.array([[1.0, reach_s], [0.0, keep]])
+    gained = model.turn_sigma_rad_s**2 * (1.0 - keep * keep)
+    turning = A @ belief.turning @ A.T + gained * np.array([[reach_s**2 / 3.0, reach_s / 2.0], [reach_s / 2.0, 1.0]])
+    carried_on = replace(
+        belief,
+        R_world_body=R_turned @ belief.R_world_body,
+        turn_rate_rad_s=keep * belief.turn_rate_rad_s,
+        turning=turning,
+    )
+    return carried_on, F, Q + np.outer(by_rate, by_rate)
 
 
 def distance(belief: Belief, fix: Fix) -> float:
