@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from importlib import metadata
 from typing import Annotated
 
 import typer
 
-from camrig.cli.console import finite, print_json
-from camrig.cli.experiment_common import Out, Processes, folder_of, results_of, write
+from camrig.cli.experiment_common import Out, Processes, folder_of, hand_out, results_of
 from camrig.cli.kernels import load_daemons_kernels, load_kernels
 from camrig.experiments import machine
 from camrig.experiments.accuracy import Track, jobs, work
@@ -38,10 +36,4 @@ def accuracy(
     tracks = [Track(**track) for room in found for track in room]
     command = f"{machine.THREADS}=1 camrig experiment accuracy --rooms {rooms} --seed {seed}"
     report = Report(rooms, seed, command, machine.machine(), machine.versions(), tracks)
-    if folder is not None:
-        write(folder / "accuracy.md", as_markdown(report))
-        write(folder / "accuracy.json", json.dumps(finite(as_json(report)), indent=1) + "\n")
-    if as_json_object:
-        print_json(as_json(report))
-    elif folder is None:
-        typer.echo(as_markdown(report), nl=False)
+    hand_out("accuracy", folder, as_markdown(report), as_json(report), as_json=as_json_object)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeVar
 
 import typer
 from rich.markup import escape
 
-from camrig.cli.console import people, progress_bar
+from camrig.cli.console import finite, people, print_json, progress_bar
 from camrig.cli.signals import interrupting
 from camrig.errors import InputError, PartialError
 from camrig.experiments.kept import Kept
@@ -85,6 +86,19 @@ def write(path: Path, text: str) -> None:
         path.write_text(text)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def hand_out(name: str, folder: Path | None, markdown: str, answer: Mapping[str, object], *, as_json: bool) -> None:
+    """Write what came of an experiment into its folder, where there is one, and print what was asked for: its answer as
+    JSON, or, if it is nowhere else, its Markdown. Raises InputError where a file cannot be written.
+    """
+    if folder is not None:
+        write(folder / f"{name}.md", markdown)
+        write(folder / f"{name}.json", json.dumps(finite(answer), indent=1) + "\n")
+    if as_json:
+        print_json(answer)
+    elif folder is None:
+        typer.echo(markdown, nl=False)
 
 
 def tell_left_out(reasons: Collection[str], *, by_name: bool) -> None:

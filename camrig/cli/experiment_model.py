@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated
@@ -11,8 +10,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from camrig.cli.console import finite, people, print_json
-from camrig.cli.experiment_common import Out, Processes, folder_of, results_of, write
+from camrig.cli.console import people
+from camrig.cli.experiment_common import Out, Processes, folder_of, hand_out, results_of
 from camrig.experiments import machine
 from camrig.experiments.kept import Kept
 from camrig.experiments.model import CORNERS, MODES, QUALITIES, Setup, Sighted, jobs, work
@@ -39,15 +38,9 @@ def model(
     command = f"{machine.THREADS}=1 camrig experiment model --pictures {pictures} --seed {seed}"
     sightings = [Sighted(**each) for picture in found for each in picture]
     report = Report(setup, command, machine.machine(), machine.versions(), sightings)
-    if folder is not None:
-        write(folder / "model.md", as_markdown(report))
-        write(folder / "model.json", json.dumps(finite(as_json(report)), indent=1) + "\n")
-        if figures:
-            _draw(sightings, folder)
-    if as_json_object:
-        print_json(as_json(report))
-    elif folder is None:
-        typer.echo(as_markdown(report), nl=False)
+    if folder is not None and figures:
+        _draw(sightings, folder)
+    hand_out("model", folder, as_markdown(report), as_json(report), as_json=as_json_object)
 
 
 def _draw(sightings: list[Sighted], folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import Annotated
 import typer
 
 from camrig.cli.choice import choices
-from camrig.cli.console import finite, people, print_json
-from camrig.cli.experiment_common import Out, Processes, folder_of, results_of, sizes_of, tell_left_out, write
+from camrig.cli.console import people
+from camrig.cli.experiment_common import Out, Processes, folder_of, hand_out, results_of, sizes_of, tell_left_out
 from camrig.cli.kernels import load_daemons_kernels, load_kernels
 from camrig.config.models import PlannerModel
 from camrig.errors import InputError
@@ -60,15 +59,9 @@ def table1(
     if quick:
         asked = replace(asked, sizes=SIZES[:1], runs=1)
     report = _report(asked, folder_of(out), processes, hidden=as_json_object)
-    if out is not None:
-        write(out / "table1.md", as_markdown(report))
-        write(out / "table1.json", json.dumps(finite(as_json(report)), indent=1) + "\n")
-        if figures:
-            _draw(report, out)
-    if as_json_object:
-        print_json(as_json(report))
-    elif out is None:
-        typer.echo(as_markdown(report), nl=False)
+    if out is not None and figures:
+        _draw(report, out)
+    hand_out("table1", out, as_markdown(report), as_json(report), as_json=as_json_object)
     tell_left_out(report.left_out.values(), by_name=configurations is not None)
 
 

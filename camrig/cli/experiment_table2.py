@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -15,8 +14,8 @@ from typing import Annotated
 import typer
 
 from camrig.cli.choice import choices
-from camrig.cli.console import finite, people, print_json, progress_bar
-from camrig.cli.experiment_common import Out, folder_of, write
+from camrig.cli.console import people, progress_bar
+from camrig.cli.experiment_common import Out, folder_of, hand_out
 from camrig.cli.kernels import load_daemons_kernels, load_kernels
 from camrig.cli.run import log_to_stderr, stopped_by_signals
 from camrig.config.rig_file import RigConfig, load_rig
@@ -64,13 +63,7 @@ def table2(
         machine.versions(),
         scores,
     )
-    if out is not None:
-        write(out / "table2.md", as_markdown(report))
-        write(out / "table2.json", json.dumps(finite(as_json(report)), indent=1) + "\n")
-    if as_json_object:
-        print_json(as_json(report))
-    elif out is None:
-        typer.echo(as_markdown(report), nl=False)
+    hand_out("table2", out, as_markdown(report), as_json(report), as_json=as_json_object)
 
 
 def _methods(given: str | None) -> tuple[Method, ...]:
