@@ -11,9 +11,9 @@ import numpy as np
 import typer
 
 from camrig.cli.choice import choice, choices
-from camrig.cli.console import people, print_json, progress_bar
+from camrig.cli.console import print_json, progress_bar
 from camrig.cli.experiment_accuracy import accuracy
-from camrig.cli.experiment_common import sizes_of, tell_left_out, write
+from camrig.cli.experiment_common import note, sizes_of, tell_left_out, write
 from camrig.cli.experiment_model import model
 from camrig.cli.experiment_table1 import table1
 from camrig.cli.experiment_table2 import table2
@@ -98,7 +98,7 @@ def _report(asked: Setup, *, hidden: bool) -> Report:
         raise InputError("\n".join(left_out.values()))
     about = machine.machine()
     if about["omp_num_threads"] != "1":
-        people.print(f"[yellow]note:[/yellow] {machine.THREADS} is not 1: linear algebra may use several threads")
+        note(f"{machine.THREADS} is not 1: linear algebra may use several threads")
     scenes = []
     bar = progress_bar("planning", setup.scenes, hidden=hidden)
     with bar as progress, interrupting(time.perf_counter) as wall_s:

@@ -108,4 +108,9 @@ def tell_left_out(reasons: Collection[str], *, by_name: bool) -> None:
     text = "\n".join(reasons)
     if by_name:
         raise PartialError(text)
+    note(text)
+
+
+def note(text: str) -> None:
+    """Tell people something beside the answer, in its own words: brackets are no markup."""
     people.print(f"[yellow]note:[/yellow] {escape(text)}", soft_wrap=True, highlight=False)

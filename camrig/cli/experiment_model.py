@@ -10,8 +10,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from camrig.cli.console import people
-from camrig.cli.experiment_common import Out, Processes, folder_of, hand_out, results_of
+from camrig.cli.experiment_common import Out, Processes, folder_of, hand_out, note, results_of
 from camrig.experiments import machine
 from camrig.experiments.kept import Kept
 from camrig.experiments.model import CORNERS, MODES, QUALITIES, Setup, Sighted, jobs, work
@@ -47,7 +46,7 @@ def _draw(sightings: list[Sighted], folder: Path) -> None:
     try:
         from camrig.report.model_figures import floor_maps, promises  # noqa: PLC0415 - matplotlib is an extra
     except ImportError:
-        people.print("[yellow]note:[/yellow] no figures without matplotlib; install camrig\\[pictures]")
+        note("no figures without matplotlib; install camrig[pictures]")
         return
     panels = {}
     for mode, corners, quality in itertools.product(MODES, CORNERS, QUALITIES):

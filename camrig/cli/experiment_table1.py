@@ -11,7 +11,7 @@ import typer
 
 from camrig.cli.choice import choices
 from camrig.cli.console import people
-from camrig.cli.experiment_common import Out, Processes, folder_of, hand_out, results_of, sizes_of, tell_left_out
+from camrig.cli.experiment_common import Out, Processes, folder_of, hand_out, note, results_of, sizes_of, tell_left_out
 from camrig.cli.kernels import load_daemons_kernels, load_kernels
 from camrig.config.models import PlannerModel
 from camrig.errors import InputError
@@ -69,7 +69,7 @@ def _draw(report: Report, folder: Path) -> None:
     try:
         from camrig.cli.experiment_table1_figures import draw  # noqa: PLC0415 - matplotlib is an extra
     except ImportError:
-        people.print("[yellow]note:[/yellow] no figures without matplotlib; install camrig\\[pictures]")
+        note("no figures without matplotlib; install camrig[pictures]")
         return
     with people.status("drawing figures"):
         draw(report, folder)

@@ -15,7 +15,7 @@ import typer
 
 from camrig.cli.choice import choices
 from camrig.cli.console import people, progress_bar
-from camrig.cli.experiment_common import Out, folder_of, hand_out
+from camrig.cli.experiment_common import Out, folder_of, hand_out, note
 from camrig.cli.kernels import load_daemons_kernels, load_kernels
 from camrig.cli.run import log_to_stderr, stopped_by_signals
 from camrig.config.rig_file import RigConfig, load_rig
@@ -72,7 +72,7 @@ def _methods(given: str | None) -> tuple[Method, ...]:
     try:
         load_casadi()
     except InputError as error:
-        people.print(f"[yellow]note:[/yellow] without paper-ipopt: {error}", highlight=False)
+        note(f"without paper-ipopt: {error}")
         return tuple(method for method in METHODS if method != "paper-ipopt")
     return METHODS
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camrig.cli.console import print_json, progress_bar
+from camrig.cli.experiment_common import note
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
@@ -47,3 +48,10 @@ def test_a_progress_bar_is_for_terminals_and_never_on_standard_output(capsys: py
         progress.advance(progress.task_ids[0], 2.0)
         assert progress.finished
     assert capsys.readouterr().out == ""
+
+
+def test_a_notes_brackets_are_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    note("pip install 'camrig[ipopt]' to have it [too]")
+    captured = capsys.readouterr()
+    assert captured.err == "note: pip install 'camrig[ipopt]' to have it [too]\n"
+    assert captured.out == ""
