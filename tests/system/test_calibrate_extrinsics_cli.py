@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from camrig.cli.calibrate import extrinsics
+from camrig.cli.calibrate_extrinsics import extrinsics
 from camrig.errors import InputError
 from camrig.geometry.arrays import GreyImage, Transform
 from camrig.geometry.lens import BrownLens
