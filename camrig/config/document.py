@@ -92,12 +92,16 @@ class Document:
 
 def load_document(path: Path) -> Document:
     """Read a YAML mapping; raises ConfigError for what cannot be read, is no YAML, or repeats a key."""
-    file = str(path)
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise ConfigError([Fault(file, 0, "", f"cannot be read: {reason}")]) from error
+        raise ConfigError([Fault(str(path), 0, "", f"cannot be read: {reason}")]) from error
+    return parse_document(str(path), text)
+
+
+def parse_document(file: str, text: str) -> Document:
+    """Parse the text of a file; raises ConfigError for what is no YAML mapping or repeats a key."""
     loader: yaml.SafeLoader | None = None
     try:
         loader = yaml.SafeLoader(text)

@@ -11,7 +11,7 @@ from typing import Any, Generic, Literal, TypeVar
 
 from camrig import plugins
 from camrig.config import cross_checks
-from camrig.config.document import KeyPath, load_document
+from camrig.config.document import Document, KeyPath, load_document
 from camrig.config.lenses import LensModel
 from camrig.config.models import (
     AnchorModel,
@@ -107,7 +107,12 @@ class RigConfig:
 
 def load_rig(path: Path) -> RigConfig:
     """Read and check a rig's YAML; raises ConfigError with all its faults at once."""
-    return _Reader(Sections(load_document(path))).read()
+    return read_rig(load_document(path))
+
+
+def read_rig(document: Document) -> RigConfig:
+    """Check a rig's document; raises ConfigError with all its faults at once."""
+    return _Reader(Sections(document)).read()
 
 
 def _camera(camera: CameraModel, lens: LensModel) -> CameraSpec:
