@@ -42,7 +42,7 @@ class Belief:
 
     ``mean`` (6,) is [position, velocity]; ``white`` (6, 6) and
     ``sensitivity`` (k, 6, 10), by ``sources`` (k), the parts of its covariance; ``weighed`` (6, 6) is what the
-    paper's weightings take for that. When each camera last saw it, and
+    paper's weightings take for that, None where fixes count as well as can be. When each camera last saw it, and
     with which of the paper's Q, is kept beside them. ``turning`` (2, 2) is the covariance of [heading,
     ``turn_rate_rad_s``], the rate at which its way turns with its heading (0 where its motion knows none).
     """
@@ -56,7 +56,7 @@ class Belief:
     R_world_body: Array
     turn_rate_rad_s: float
     turning: Array
-    weighed: Array
+    weighed: Array | None
 
     @property
     def published(self) -> Array:
@@ -100,7 +100,7 @@ def predict(belief: Belief, stamp_s: float, model: MotionModel) -> Belief:
         belief,
         stamp_s=stamp_s,
         mean=F @ belief.mean,
-        weighed=F @ belief.weighed @ F.T + Q,
+        weighed=None if belief.weighed is None else F @ belief.weighed @ F.T + Q,
         white=F @ belief.white @ F.T + Q,
         sensitivity=F @ belief.sensitivity,
         turning=turning,
@@ -154,7 +154,7 @@ def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float) -> 
     S[: len(belief.sources)] = belief.sensitivity
     D = -S[:, :3]
     D[[sources.index(name) for name in names]] += factors
-    if weight is None:
+    if weight is None or belief.weighed is None:
         across = belief.white[:, :3] - (S @ D.swapaxes(1, 2)).sum(axis=0)
         doubt = CHANGING * (factors @ factors.swapaxes(1, 2)).sum(axis=0)
         spread = belief.white[:3, :3] + C + (D @ D.swapaxes(1, 2)).sum(axis=0) + doubt
@@ -163,11 +163,12 @@ def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float) -> 
     K = np.linalg.solve(spread, across.T).T
     A = np.eye(6)
     A[:, :3] -= K
+    weighed = None if weight is None or belief.weighed is None else A @ belief.weighed @ A.T + K @ weight @ K.T
     R_world_body, turn_rate_rad_s, turning = _turned(belief, fix)
     return replace(
         belief,
         mean=belief.mean + K @ (fix.T_world_body[:3, 3] - belief.mean[:3]),
-        weighed=belief.weighed if weight is None else A @ belief.weighed @ A.T + K @ weight @ K.T,
+        weighed=weighed,
         white=A @ belief.white @ A.T + K @ C @ K.T,
         sensitivity=S + K @ D,
         sources=sources,

@@ -7,7 +7,7 @@ result does not depend on the order of arrival, bit for bit.
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,15 +65,9 @@ def add(track: Track, fix: Fix, settings: Settings) -> Track | None:
     states = list(track.states[:place])
     for due in fixes[place:]:
         states.append(_fold(states[-1] if states else track.base, due, track.model, settings))
-    return _trimmed(replace(track, fixes=fixes, states=tuple(states)), settings)
-
-
-def _trimmed(track: Track, settings: Settings) -> Track:
-    """Let go of the fixes that nothing can come before any more."""
-    oldest_s = track.fixes[-1].stamp_s - settings.late_s
-    gone = sum(fix.stamp_s <= oldest_s for fix in track.fixes)
-    base = track.states[gone - 1] if gone else track.base
-    return Track(track.model, base, track.fixes[gone:], track.states[gone:])
+    # What nothing can come before any more is let go of.
+    gone = bisect_right(fixes, fixes[-1].stamp_s - settings.late_s, key=lambda each: each.stamp_s)
+    return Track(track.model, states[gone - 1] if gone else track.base, fixes[gone:], tuple(states[gone:]))
 
 
 def _fold(state: State, fix: Fix, model: MotionModel, settings: Settings) -> State:
@@ -86,10 +80,11 @@ def _fold(state: State, fix: Fix, model: MotionModel, settings: Settings) -> Sta
         return _born(state, fix, model, settings)
     predicted = predict(belief, fix.stamp_s, model)
     surprise = distance(predicted, fix)
-    state = replace(state, innovation=_mean_innovation(state, surprise / 3.0))
+    innovation = _mean_innovation(state, surprise / 3.0)
     if surprise <= settings.gate_chi2:
         updated = update(predicted, fix, _weight(fix, settings), settings.repeating)
-        return replace(state, belief=updated, confirmed=True, rival=None, rival_hits=0)
+        return State(updated, confirmed=True, restarts=state.restarts, innovation=innovation)
+    state = replace(state, innovation=innovation)
     if not state.confirmed or unseen_s > settings.lost_after_s:
         return _born(state, fix, model, settings)
     return _doubted(state, fix, model, settings)

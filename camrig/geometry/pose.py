@@ -13,6 +13,8 @@ import numpy as np
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.rotation import rotation_exp, rotation_log, skew
 
+_EYE = np.eye(4)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosePriors:
@@ -24,7 +26,7 @@ class PosePriors:
 
 def transform(R: Array, t: Array) -> Transform:
     """Build the (4, 4) transform from a (3, 3) rotation and a (3,) translation in metres."""
-    T = np.eye(4)
+    T = _EYE.copy()
     T[:3, :3] = R
     T[:3, 3] = t
     return T

@@ -8,7 +8,7 @@ averages it away later.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -61,9 +61,8 @@ def joint(
     problem = build(views, starts, motions, rig, priors)
     found, problem, spoilt = _solve(problem)
     fresh_bodies = {seen.body.id for view in fresh for seen in view.bodies}
-    fixes = [
-        _fix(problem, b, found) for b, name in enumerate(problem.names) if name in fresh_bodies and b not in spoilt
-    ]
+    wanted = [b for b, name in enumerate(problem.names) if name in fresh_bodies and b not in spoilt]
+    fixes = _fixes(problem, wanted, found) if wanted else ()
     notes = [_contradiction(problem, b) for b in sorted(spoilt)]
     poses = [_camera_pose(problem, c, found) for c in range(len(fresh)) if problem.placed(c)]
     lenses, learnt = learn(lenses, problem, found, rig)
@@ -114,30 +113,32 @@ def _solve(problem: Problem) -> tuple[Adjusted, Problem, frozenset[int]]:
     return found, problem, spoilt
 
 
-def _fix(problem: Problem, b: int, found: Adjusted) -> Fix:
-    """Return where a body is, with what the corners and what each camera's errors make uncertain apart."""
-    factors = found.sensitivity[b].transpose(1, 0, 2) @ problem.prior_roots
-    alone = found.body_alone[b]
+def _fixes(problem: Problem, wanted: Sequence[int], found: Adjusted) -> Iterator[Fix]:
+    """Yield where bodies are, with what the corners and what each camera's errors make uncertain apart."""
+    factors = found.sensitivity[wanted].swapaxes(1, 2) @ problem.prior_roots
+    alone = found.body_alone[wanted]
     # The rest is what the corners leave of the cameras' poses: a small difference where a prior is weak.
-    rest = found.body_covariance[b] - alone - (factors @ factors.swapaxes(1, 2)).sum(axis=0)
-    own = problem.views.body == b
-    freedoms = max(8 * int(own.sum()) - 4, 4)
-    cameras = {problem.camera_ids[c] for c in problem.views.camera[own]}
-    return Fix(
-        target_id=problem.names[b],
-        stamp_s=problem.stamps_s[b],
-        T_world_body=found.estimate.bodies[b],
-        covariance=(alone + _positive(rest)) * inflation(float(found.chi2[own].sum()), freedoms),
-        sources=problem.camera_ids,
-        factors=factors,
-        seen=tuple(each for each in problem.seen[b] if each.camera_id in cameras),
-    )
+    rest = found.body_covariance[wanted] - alone - (factors @ factors.swapaxes(2, 3)).sum(axis=1)
+    covariances = alone + _positive(rest)
+    for k, b in enumerate(wanted):
+        own = problem.views.body == b
+        freedoms = max(8 * int(own.sum()) - 4, 4)
+        cameras = {problem.camera_ids[c] for c in problem.views.camera[own]}
+        yield Fix(
+            target_id=problem.names[b],
+            stamp_s=problem.stamps_s[b],
+            T_world_body=found.estimate.bodies[b],
+            covariance=covariances[k] * inflation(float(found.chi2[own].sum()), freedoms),
+            sources=problem.camera_ids,
+            factors=factors[k],
+            seen=tuple(each for each in problem.seen[b] if each.camera_id in cameras),
+        )
 
 
-def _positive(covariance: Array) -> Array:
-    """Return a symmetric matrix without its negative eigenvalues, which rounding leaves."""
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+def _positive(covariances: Array) -> Array:
+    """Return (..., n, n) symmetric matrices without their negative eigenvalues, which rounding leaves."""
+    values, vectors = np.linalg.eigh(0.5 * (covariances + covariances.swapaxes(-1, -2)))
+    return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.swapaxes(-1, -2))
 
 
 def _camera_pose(problem: Problem, c: int, found: Adjusted) -> CameraPose:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -12,8 +12,8 @@ import numpy as np
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.lens import Lens
 from camrig.geometry.pnp import PoseFit, refine, square_poses, whitened_residuals
-from camrig.geometry.pose import PosePriors, apply, compose, difference, invert, transform
-from camrig.geometry.rotation import upright_rotation
+from camrig.geometry.pose import PosePriors, apply, difference, invert, transform
+from camrig.geometry.rotation import skew, upright_rotation
 from camrig.locate.fit import NOISE_CHI2, SAME_RAD, angle_between, clearly_better, inflation, residual_limit_px
 from camrig.locate.tags import SeenTag
 from camrig.messages import CameraPose, Sighting
@@ -64,18 +64,17 @@ def solve(bodies: Sequence[SeenBody], camera: CameraPose, lens: Lens) -> tuple[t
     started = [(body, _starts(body, camera)) for body in bodies]
     misfits = [body.body.id for body, starts in started if not starts]
     started = [(body, starts) for body, starts in started if starts]
-    sightings: list[Sighting] = []
     if not started:
         return (), tuple(misfits)
-    fit, row = _fit(started, camera), 0
+    fit, row, chosen = _fit(started, camera), 0, list[_Chosen]()
     for body, starts in started:
-        chosen = _choose(body, fit.of(slice(row, row + len(starts))), camera)
+        found = _choose(body, fit.of(slice(row, row + len(starts))), camera)
         row += len(starts)
-        if chosen is None:
+        if found is None:
             misfits.append(body.body.id)
         else:
-            sightings.append(_sighting(body, *chosen, camera, lens))
-    return tuple(sightings), tuple(misfits)
+            chosen.append(found)
+    return tuple(_sightings(chosen, camera, lens)) if chosen else (), tuple(misfits)
 
 
 def _starts(seen: SeenBody, camera: CameraPose) -> list[Transform]:
@@ -168,8 +167,17 @@ def _stood_up(T_camera_body: Transform, T_world_camera: Transform) -> Transform:
     return transform(R.T @ upright_rotation(R @ T_camera_body[:3, :3]), T_camera_body[:3, 3])
 
 
-def _choose(seen: SeenBody, fit: PoseFit, camera: CameraPose) -> tuple[Transform, Array] | None:
-    """Return ``T_camera_body`` and its covariance; None where even the better candidate does not fit.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Chosen:
+    """Where a body is, with the (6, 6) covariance that its corners leave."""
+
+    seen: SeenBody
+    T_camera_body: Transform
+    covariance: Array
+
+
+def _choose(seen: SeenBody, fit: PoseFit, camera: CameraPose) -> _Chosen | None:
+    """Return where a body is; None where even the better candidate does not fit.
 
     Two candidates that the picture (and standing upright) cannot tell apart: the one nearer to the last known
     orientation, else the better one with a covariance that covers both.
@@ -186,7 +194,7 @@ def _choose(seen: SeenBody, fit: PoseFit, camera: CameraPose) -> tuple[Transform
     if rival is not None and seen.T_world_body is None:
         apart = difference(T[rival], T[best])
         covariance = covariance + np.outer(apart, apart)
-    return T[best], covariance
+    return _Chosen(seen, T[best], covariance)
 
 
 def _fits(seen: SeenBody, fit: PoseFit, k: int, camera: CameraPose) -> bool:
@@ -205,19 +213,29 @@ def _rival(fit: PoseFit, best: int) -> int | None:
     return None
 
 
-def _sighting(seen: SeenBody, T_camera_body: Transform, covariance: Array, camera: CameraPose, lens: Lens) -> Sighting:
-    """Carry a body's pose into the world, the corners' and the camera's uncertainty apart."""
-    none = np.zeros((6, 6))
-    T_world_body, from_corners = compose(camera.T_world_camera, none, T_camera_body, covariance)
-    _, from_camera = compose(camera.T_world_camera, camera.covariance, T_camera_body, none)
-    centres = apply(T_camera_body, np.stack([tag.owner.T_owner_tag[:3, 3] for tag in seen.tags]))
-    return Sighting(
-        target_id=seen.body.id,
-        camera_id=camera.camera_id,
-        stamp_s=camera.stamp_s,
-        T_world_body=T_world_body,
-        covariance=from_corners,
-        camera_covariance=from_camera,
-        quality_m=float(pixel_quality(lens, centres).min()),
-        tags=len(seen.tags),
-    )
+def _sightings(chosen: Sequence[_Chosen], camera: CameraPose, lens: Lens) -> Iterator[Sighting]:
+    """Carry all bodies' poses into the world, the corners' and the camera's uncertainty apart (geometry.pose.compose
+    of many at once).
+    """
+    T_camera_body = np.stack([each.T_camera_body for each in chosen])
+    T_world_body = camera.T_world_camera @ T_camera_body
+    turn, lever = np.zeros((6, 6)), np.tile(np.eye(6), (len(chosen), 1, 1))
+    turn[:3, :3] = turn[3:, 3:] = camera.T_world_camera[:3, :3]
+    lever[:, :3, 3:] = [-skew(arm_m) for arm_m in T_world_body[:, :3, 3] - camera.T_world_camera[:3, 3]]
+    from_corners = turn @ np.stack([each.covariance for each in chosen]) @ turn.T
+    from_camera = lever @ camera.covariance @ lever.swapaxes(1, 2)
+    centres = [apply(each.T_camera_body, tag.owner.T_owner_tag[:3, 3]) for each in chosen for tag in each.seen.tags]
+    qualities_m, first = pixel_quality(lens, np.stack(centres)), 0
+    for k, each in enumerate(chosen):
+        tags = len(each.seen.tags)
+        yield Sighting(
+            target_id=each.seen.body.id,
+            camera_id=camera.camera_id,
+            stamp_s=camera.stamp_s,
+            T_world_body=T_world_body[k],
+            covariance=from_corners[k],
+            camera_covariance=from_camera[k],
+            quality_m=float(qualities_m[first : first + tags].min()),
+            tags=tags,
+        )
+        first += tags
