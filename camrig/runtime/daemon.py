@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -84,6 +85,9 @@ class Daemon:
         locate.warm_up()  # before anything is open: no thread must be silent for so long
         if self.config.refine:
             warm_up()
+        # What is loaded by now stays: to look for garbage in it would stop all threads for a tenth of a second.
+        gc.freeze()
+        self._open.callback(gc.unfreeze)
         self._guardian = GuardianLink()
         self._open.callback(self._guardian.close)
         self.devices = self._build(self._guardian)
