@@ -3,9 +3,10 @@
 python -m tests.moving_study --scenes 12 --seed 1
 
 Three heads, each wrong by its own bias, mount and lens, swing at up to a given speed over three robots that drive round
-a stadium; four anchors lie on the floor. Corners are projected by OpenCV with the noise of refined ones, frames come
-fifteen times a second and camera, 40 to 120 ms late, a head's axes in turn every 75 ms. All of ``pipeline.step`` runs;
-an error is that of a published position at the time it is published for, so what is guessed ahead counts too.
+a stadium, wander as the filter's model of ``floor`` has it, or stand; four anchors lie on the floor. Corners are
+projected by OpenCV with the noise of refined ones, frames come fifteen times a second and camera, 40 to 120 ms late, a
+head's axes in turn every 75 ms. All of ``pipeline.step`` runs; an error is that of a published position at the time it
+is published for, so what is guessed ahead counts too.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
+from scipy import stats
 
+from camrig.fuse.settings import FLOOR
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pose import perturb, transform
 from camrig.geometry.rotation import rotation_z
@@ -51,10 +54,37 @@ def on_stadium(way_m: float) -> tuple[float, float, float]:
     return (x, y, heading) if turn % 2 == 0 else (-x, -y, heading + math.pi)
 
 
-class Room(Floor):
-    """A floor whose bodies drive and whose heads swing."""
+class Wandering:
+    """A way whose velocity is the model's process, a heading that walks as the model's does; at its middle it is 0, 0.
 
-    def __init__(self, seed: int, speed_deg_s: float, motion: str) -> None:
+    The velocity's memory is far longer than a scene, so it leads a metre or two to each side.
+    """
+
+    STEP_S = 0.005
+
+    def __init__(self, seconds: float, rng: np.random.Generator) -> None:
+        n = int(seconds / self.STEP_S) + 2
+        keep = math.exp(-self.STEP_S / FLOOR.memory_s)
+        sigma_m_s = np.array(FLOOR.velocity_sigma_m_s[:2])
+        velocity = np.empty((n, 2))
+        velocity[0] = rng.normal(size=2) * sigma_m_s
+        for k in range(1, n):
+            velocity[k] = keep * velocity[k - 1] + math.sqrt(1.0 - keep * keep) * rng.normal(size=2) * sigma_m_s
+        place = np.cumsum(velocity, axis=0) * self.STEP_S
+        self.place = place - place[n // 2]
+        self.heading = np.cumsum(rng.normal(size=n)) * math.sqrt(FLOOR.turn_rad2_s * self.STEP_S)
+
+    def at(self, now_s: float) -> tuple[float, float, float]:
+        """Return place and heading."""
+        k = now_s / self.STEP_S
+        x, y, heading = (float(np.interp(k, np.arange(len(v)), v)) for v in (*self.place.T, self.heading))
+        return x, y, heading
+
+
+class Room(Floor):
+    """A floor whose bodies move and whose heads swing; ``way`` is stadium, wander or stand."""
+
+    def __init__(self, seed: int, speed_deg_s: float, motion: str, way: str, seconds: float) -> None:
         errors = Errors(math.radians(0.1), mounts=True, lenses=True)
         super().__init__(seed, cameras=3, bodies=3, anchors=True, errors=errors, motion=motion)
         self.rate = math.radians(speed_deg_s) / SWING_RAD
@@ -63,6 +93,7 @@ class Room(Floor):
         self.phase = {name: self.rng.uniform(0.0, math.tau, 2) for name in self.rig.cameras}
         self.bias = {name: self.rng.normal(size=2) * errors.pointing_rad for name in self.rig.cameras}
         self.mount = {name: self.rng.normal(size=6) * np.sqrt(np.diag(MOUNT_COVARIANCE)) for name in self.rig.cameras}
+        self.way, self.wandering = way, {name: Wandering(seconds, self.rng) for name in self.places}
         centre = np.array([2.5, 1.5, 0.0])
         for name in self.rig.cameras:
             x, y, z = centre - self._base(name)[:3, 3]
@@ -72,7 +103,11 @@ class Room(Floor):
         """Return the true ``T_world_body`` of every robot."""
         found = {}
         for name, middle in self.middle.items():
-            x, y, heading = on_stadium(self.began[name] + ROBOT_M_S * now_s)
+            match self.way:
+                case "wander":
+                    x, y, heading = self.wandering[name].at(now_s)
+                case way:
+                    x, y, heading = on_stadium(self.began[name] + (ROBOT_M_S * now_s if way == "stadium" else 0.0))
             found[name] = transform(rotation_z(heading), np.array([middle[0] + x, middle[1] + y, 0.0]))
         return found
 
@@ -158,14 +193,23 @@ def main() -> None:
     asked.add_argument("--scenes", type=int, default=12)
     asked.add_argument("--seconds", type=float, default=16.0)
     asked.add_argument("--seed", type=int, default=1)
-    asked.add_argument("--motion", choices=("drives", "floor"), default="drives", help="what the rig's file says")
+    asked.add_argument(
+        "--motion", choices=("drives", "floor", "static"), default="drives", help="what the rig's file says"
+    )
+    asked.add_argument("--way", choices=("stadium", "wander", "stand"), default="stadium", help="what robots do")
     options = asked.parse_args()
     scenes: list[list[Sample]] = []
-    print("| heads swing at up to, deg/s | n | mean mm | 95 % mm | along the motion mm | NEES | largest NEES |")
-    print("|--|--|--|--|--|--|--|")
+    print(
+        "| heads swing at up to, deg/s | n | mean mm | 95 % mm | along the motion mm | NEES | 95 %, scenes | largest |"
+    )
+    print("|--|--|--|--|--|--|--|--|")
     for speed in SPEEDS_DEG_S:
         drawn = [
-            list(watched(Room(1000 * options.seed + k, speed, options.motion), options.seconds))
+            list(
+                watched(
+                    Room(1000 * options.seed + k, speed, options.motion, options.way, options.seconds), options.seconds
+                )
+            )
             for k in range(options.scenes)
         ]
         scenes += drawn
@@ -174,11 +218,18 @@ def main() -> None:
         along_mm, nees = 1e3 * float(np.mean([s.along_m for s in found])), np.array([s.nees for s in found])
         print(
             f"| {speed:.0f} | {len(found)} | {error_mm.mean():.2f} | {np.quantile(error_mm, 0.95):.2f} "
-            f"| {along_mm:.2f} | {nees.mean():.2f} | {nees.max():.1f} |",
+            f"| {along_mm:.2f} | {nees.mean():.2f} | {_over_scenes(drawn)} | {nees.max():.1f} |",
             flush=True,
         )
     low, high = slope_interval(scenes, np.random.default_rng(options.seed))
     print(f"\nSlope of the error against the heads' speed: [{low:.4f}, {high:.4f}] mm per deg/s (95 %, over scenes)")
+
+
+def _over_scenes(scenes: list[list[Sample]]) -> str:
+    """Return the 95 % interval of the mean NEES: samples of one scene belong together, scenes do not."""
+    means = np.array([np.mean([sample.nees for sample in scene]) for scene in scenes if scene])
+    half = float(stats.t.ppf(0.975, len(means) - 1)) * means.std(ddof=1) / math.sqrt(len(means))
+    return f"{means.mean() - half:.2f} to {means.mean() + half:.2f}"
 
 
 def slope_interval(scenes: list[list[Sample]], rng: np.random.Generator) -> tuple[float, float]:

@@ -77,10 +77,12 @@ def _motion(track: Track | None, model: MotionModel, on_floor: bool, stamp_s: fl
     density = 2.0 * np.square(model.velocity_sigma_m_s) / model.memory_s
     turning = model.turn_rad2_s * (np.array([0.0, 0.0, 1.0]) if on_floor else np.ones(3))
     if belief is None:
-        return Motion(stamp_s, None, np.zeros(3), np.diag(np.square(model.velocity_sigma_m_s)), density, turning)
+        velocity = np.diag(np.square(model.velocity_sigma_m_s))
+        return Motion(stamp_s, None, np.zeros(3), velocity, density, turning, 0.0, model.turn_sigma_rad_s**2)
     now = predict(belief, stamp_s, model)
     T_world_body = transform(now.R_world_body, now.mean[:3])
-    return Motion(stamp_s, T_world_body, now.mean[3:], now.published[3:, 3:], density, turning, now.turn_rate_rad_s)
+    rate, rate_variance = now.turn_rate_rad_s, float(now.turning[1, 1])
+    return Motion(stamp_s, T_world_body, now.mean[3:], now.published[3:, 3:], density, turning, rate, rate_variance)
 
 
 def _target(name: str, track: Track | None, now_s: float, settings: Settings) -> Target:

@@ -8,7 +8,7 @@ sections 3 and 6.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,9 @@ class Views:
     """m tags, each seen by one camera: which, and what carries the tag (-1: the room).
 
     ``corners_m`` (m, 4, 3) are in the body's frame, an anchor's in the world; ``shift_m`` (m, 3) is how much further
-    the body was than at its own stamp and ``spread`` (m, 6, 6) how uncertain its pose is for that; ``ideal`` (m, 4, 2)
+    the body was than at its own stamp and ``spread`` (m, 6, 6) how uncertain its pose is for that; ``turn`` (m, 3, 3)
+    by which rotation it is seen to have turned meanwhile, about which corners are linearised, and ``slack_rad`` (m, 3)
+    by how much more it was expected to (geometry.pose: world axes); ``ideal`` (m, 4, 2)
     and ``whitener`` (m, 4, 2, 2) as in geometry.pnp; ``lens_slopes`` (m, 4, 2, 4) is the derivative of the whitened
     residual by the lens's errors.
     """
@@ -39,6 +41,8 @@ class Views:
     corners_m: Array
     shift_m: Array
     spread: Array
+    turn: Array
+    slack_rad: Array
     ideal: Array
     whitener: Array
     lens_slopes: Array
@@ -50,8 +54,7 @@ class Views:
 
     def only(self, kept: npt.NDArray[np.bool_]) -> Views:
         """Return some of the views."""
-        parts = (self.camera, self.body, self.corners_m, self.shift_m, self.spread)
-        return Views(*(part[kept] for part in (*parts, self.ideal, self.whitener, self.lens_slopes)))  # type: ignore[arg-type]
+        return Views(*(getattr(self, part.name)[kept] for part in fields(self)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,7 +132,8 @@ def adjust(views: Views, cameras: PosePriors, lenses: LensPriors, bodies: PosePr
 def projected(views: Views, at: Estimate) -> Array:
     """Return the (m, 4, 2) ideal points at which an estimate has the corners, through lenses without error."""
     T = np.concatenate([at.bodies, np.eye(4)[None]])[views.body]  # the last is the room's, body -1
-    points = views.corners_m @ T[:, :3, :3].swapaxes(1, 2) + (T[:, :3, 3] + views.shift_m)[:, None]
+    R = views.turn @ T[:, :3, :3]
+    points = views.corners_m @ R.swapaxes(1, 2) + (T[:, :3, 3] + views.shift_m)[:, None]
     T = at.cameras[views.camera]
     points = (points - T[:, None, :3, 3]) @ T[:, :3, :3]
     return np.asarray(points[..., :2] / np.maximum(points[..., 2:], MIN_DEPTH_M))
@@ -161,6 +165,7 @@ def _normal(views: Views, cameras: PosePriors, lenses: LensPriors, bodies: PoseP
     gc, gb, chi2 = np.zeros((c, CAMERA)), np.zeros((b, 6)), np.zeros(len(views.camera))
     cost = accumulate(
         at.cameras, at.lenses, at.bodies, views.camera, views.body, views.corners_m, views.shift_m, views.spread,
+        views.turn, views.slack_rad,
         views.ideal, views.whitener, views.lens_slopes, Hcc, Hbc, Hbb, gc, gb, chi2,
     )  # fmt: skip
     cost += add_priors(at.cameras, cameras.T, cameras.information, Hcc, gc)

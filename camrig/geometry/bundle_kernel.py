@@ -30,6 +30,8 @@ def accumulate(
     corners: Array,
     shift: Array,
     spread: Array,
+    turn: Array,
+    slack: Array,
     ideal: Array,
     whitener: Array,
     lens_slopes: Array,
@@ -47,7 +49,7 @@ def accumulate(
         c, b = camera[v], body[v]
         _linearise(
             T_world_camera[c], lens[c], T_world_body[b] if b >= 0 else np.eye(4), b >= 0,
-            corners[v], shift[v], ideal[v], whitener[v], lens_slopes[v], J, r,
+            corners[v], shift[v], turn[v], slack[v], ideal[v], whitener[v], lens_slopes[v], J, r,
         )  # fmt: skip
         H, g = J.T @ J, J.T @ r
         square = (r * r).sum()
@@ -77,20 +79,27 @@ def _linearise(
     moves: bool,
     corners: Array,
     shift: Array,
+    turn: Array,
+    slack: Array,
     ideal: Array,
     whitener: Array,
     lens_slopes: Array,
     J: Array,
     r: Array,
 ) -> None:
-    """Fill the (8,) whitened residuals of one tag and their (8, 16) derivative by its camera, lens and body."""
+    """Fill the (8,) whitened residuals of one tag and their (8, 16) derivative by its camera, lens and body.
+
+    A body that turned between two views is linearised in each where it is seen there: to the first order alone, a turn
+    by 5 degrees shrinks a tag by 0.4 %, as if it were a centimetre further.
+    """
     by_camera, R = np.zeros((3, 16)), T_world_camera[:3, :3].T
+    R_body = np.ascontiguousarray(turn) @ np.ascontiguousarray(T_world_body[:3, :3])
     turned, away, point = np.zeros(3), np.zeros(3), np.zeros(3)
     for k in range(4):
         for i in range(3):
             turned[i] = 0.0
             for j in range(3):
-                turned[i] += T_world_body[i, j] * corners[k, j]
+                turned[i] += R_body[i, j] * corners[k, j]
             away[i] = turned[i] + T_world_body[i, 3] + shift[i] - T_world_camera[i, 3]
         for i in range(3):
             point[i] = R[i, 0] * away[0] + R[i, 1] * away[1] + R[i, 2] * away[2]
@@ -122,6 +131,7 @@ def _linearise(
             for j in range(4):
                 J[2 * k + row, 6 + j] = lens_slopes[k, row, j]
                 r[2 * k + row] += lens_slopes[k, row, j] * lens[j]
+    r += np.ascontiguousarray(J[:, 13:]) @ slack
 
 
 @compiled

@@ -17,7 +17,7 @@ from camrig.geometry.bundle import Adjusted, Estimate, LensPriors, Views, adjust
 from camrig.geometry.pnp import refine
 from camrig.geometry.pose import PosePriors, transform
 from camrig.locate.fit import angle_between, inflation
-from camrig.locate.joint_problem import Problem, build
+from camrig.locate.joint_problem import Problem, build, camera_priors
 from camrig.locate.learn_lenses import learn
 from camrig.locate.lenses import AS_CALIBRATED, Lenses
 from camrig.locate.views import Together, View
@@ -58,15 +58,21 @@ def joint(
         for name, seen in sightings.items()
     }
     priors = lenses.priors([rig.cameras[view.camera_id] for view in views])
-    problem = build(views, starts, motions, rig, priors)
-    found, problem, spoilt = _solve(problem)
+    carried = [view.carried for view in views]
+    learnt = [pose and lenses.pose(pose, rig) for pose in carried]
+    drawn_up = build(views, starts, motions, rig, priors, learnt)
+    found, problem, spoilt = _solve(drawn_up)
+    if learnt != carried and len(problem.rows) < len(drawn_up.rows):
+        # Something does not fit: before a view is blamed for it, what was learnt of cameras that may since be knocked.
+        found, problem, spoilt = _solve(build(views, starts, motions, rig, priors, carried))
     fresh_bodies = {seen.body.id for view in fresh for seen in view.bodies}
     wanted = [b for b, name in enumerate(problem.names) if name in fresh_bodies and b not in spoilt]
     fixes = _fixes(problem, wanted, found) if wanted else ()
     notes = [_contradiction(problem, b) for b in sorted(spoilt)]
     poses = [_camera_pose(problem, c, found) for c in range(len(fresh)) if problem.placed(c)]
-    lenses, learnt = learn(lenses, problem, found, rig)
-    return Together(tuple(fixes), tuple(poses), (*notes, *learnt), lenses)
+    carriers, _ = camera_priors(views, carried)
+    lenses, news = learn(lenses, problem, found, carriers, rig)
+    return Together(tuple(fixes), tuple(poses), (*notes, *news), lenses)
 
 
 def _start(stamp_s: float, seen: Sequence[Sighting], motion: Motion, body: Body) -> Transform:
@@ -159,7 +165,8 @@ def warm_up() -> None:
     ideal, whitener = square[..., :2] / 2.0, np.tile(np.eye(2), (1, 4, 1, 1))
     refine(eye, square, ideal, whitener)
     first = np.zeros(1, dtype=np.int64)
-    views = Views(first, first, square, np.zeros((1, 3)), np.eye(6)[None], ideal, whitener, np.zeros((1, 4, 2, 4)))
+    moved = np.zeros((1, 3)), np.eye(6)[None], np.eye(3)[None], np.zeros((1, 3))
+    views = Views(first, first, square, *moved, ideal, whitener, np.zeros((1, 4, 2, 4)))
     known = PosePriors(eye, np.eye(6)[None])
     lenses = LensPriors(np.zeros((1, 4)), np.eye(4)[None])
     adjust(views, known, lenses, known, Estimate(eye, np.zeros((1, 4)), eye))

@@ -13,16 +13,19 @@ from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.bundle import Estimate, LensPriors, Views
 from camrig.geometry.bundle_kernel import CAMERA
 from camrig.geometry.pose import PosePriors
-from camrig.geometry.rotation import upright_rotation
+from camrig.geometry.rotation import rotation_exp, rotation_log, upright_rotation
 from camrig.locate.fit import residual_limit_px
 from camrig.locate.sightings import UPRIGHT_SIGMA_RAD
 from camrig.locate.tags import SeenTag
 from camrig.locate.views import View
-from camrig.messages import Motion, Seen
+from camrig.messages import CameraPose, Motion, Seen
 from camrig.rig import Body, Rig
 
 FLOOR_SIGMA_M = 0.001
 """One sigma of the height of a body of which the rig's file says it: floors are not flat, nor wheels round."""
+
+FAR_RAD = 0.5
+"""What seems turned by more between two frames may be turned over in one of them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,12 +104,15 @@ def build(
     motions: Mapping[str, Motion],
     rig: Rig,
     lenses: LensPriors,
+    poses: Sequence[CameraPose | None],
 ) -> Problem:
-    """Write out the views; ``starts`` is when and where each body is to be placed, by id, ``lenses`` are the views'."""
+    """Write out the views; ``starts`` is when and where each body is to be placed, by id; ``lenses`` and ``poses`` are
+    what is known of the views' cameras beforehand, None of a pose = nothing.
+    """
     names = tuple(starts)
     T_cameras = np.stack([view.found.T_world_camera for view in views])
     T_bodies = np.stack([T for _, T in starts.values()]) if names else np.zeros((0, 4, 4))
-    cameras, roots = _camera_priors(views)
+    cameras, roots = camera_priors(views, poses)
     roots[:, 6:, 6:] = np.linalg.cholesky(lenses.information)
     rows = tuple(_rows(views, names, starts, motions))
     return Problem(
@@ -128,13 +134,15 @@ def build(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Row:
-    """One tag in one view, and how its body moved between the body's stamp and the view's."""
+    """One tag in one view, and how its body moved between the body's stamp and the view's (geometry.bundle.Views)."""
 
     camera: int
     body: int
     tag: SeenTag
     shift_m: Array
     spread: Array
+    turn: Array
+    slack_rad: Array
 
 
 def _rows(
@@ -143,17 +151,34 @@ def _rows(
     starts: Mapping[str, tuple[float, Transform]],
     motions: Mapping[str, Motion],
 ) -> Iterator[_Row]:
+    first_seen: dict[str, Transform] = {}
     for c, view in enumerate(views):
         for anchor in view.anchors:
-            yield _Row(c, -1, anchor, np.zeros(3), np.zeros((6, 6)))
+            yield _Row(c, -1, anchor, np.zeros(3), np.zeros((6, 6)), np.eye(3), np.zeros(3))
+        turns = {sighting.target_id: sighting.T_world_body for sighting in view.sightings}
         for seen in view.bodies:
             name = seen.body.id
             if name not in starts:
                 continue
-            dt_s = view.stamp_s - starts[name][0]
-            shift_m = motions[name].shift_m(dt_s)
+            dt_s, motion = view.stamp_s - starts[name][0], motions[name]
+            shift_m, spread, expected_rad = motion.shift_m(dt_s), motion.spread(dt_s), motion.turn_rad(dt_s)
+            turn_rad = expected_rad
+            if name in turns:
+                before = first_seen.setdefault(name, turns[name])
+                turn_rad = _seen_turn_rad(before, turns[name], seen.body, expected_rad)
+            turn, slack_rad = rotation_exp(turn_rad), expected_rad - turn_rad
             for tag in seen.tags:
-                yield _Row(c, names.index(name), tag, shift_m, motions[name].spread(dt_s))
+                yield _Row(c, names.index(name), tag, shift_m, spread, turn, slack_rad)
+
+
+def _seen_turn_rad(T_before: Transform, T_now: Transform, body: Body, expected_rad: Array) -> Array:
+    """Return by how much (3,) a body is seen to have turned between two views; what is expected, where it seems to have
+    been turned over.
+    """
+    turn_rad = rotation_log(T_now[:3, :3] @ T_before[:3, :3].T)
+    if body.on_floor:
+        turn_rad[:2] = 0.0
+    return turn_rad if float(np.linalg.norm(turn_rad)) <= FAR_RAD else expected_rad
 
 
 def _written(rows: Sequence[_Row]) -> Views:
@@ -164,19 +189,21 @@ def _written(rows: Sequence[_Row]) -> Views:
         corners_m=np.array([tag.corners_m for tag in tags]).reshape(-1, 4, 3),
         shift_m=np.array([row.shift_m for row in rows]).reshape(-1, 3),
         spread=np.array([row.spread for row in rows]).reshape(-1, 6, 6),
+        turn=np.array([row.turn for row in rows]).reshape(-1, 3, 3),
+        slack_rad=np.array([row.slack_rad for row in rows]).reshape(-1, 3),
         ideal=np.array([tag.points.ideal for tag in tags]).reshape(-1, 4, 2),
         whitener=np.array([tag.points.whitener for tag in tags]).reshape(-1, 4, 2, 2),
         lens_slopes=np.array([tag.lens_slopes for tag in tags]).reshape(-1, 4, 2, 4),
     )
 
 
-def _camera_priors(views: Sequence[View]) -> tuple[PosePriors, Array]:
-    """Return what carriers say of their cameras, and their part of ``Problem.prior_roots``."""
-    T = np.stack([(view.carried or view.found).T_world_camera for view in views])
+def camera_priors(views: Sequence[View], poses: Sequence[CameraPose | None]) -> tuple[PosePriors, Array]:
+    """Return what is known of the views' cameras, and its part of ``Problem.prior_roots``."""
+    T = np.stack([(pose or view.found).T_world_camera for view, pose in zip(views, poses, strict=True)])
     information, roots = np.zeros((len(views), 6, 6)), np.zeros((len(views), CAMERA, CAMERA))
-    for c, view in enumerate(views):
-        if view.carried is not None:
-            root = np.linalg.inv(np.linalg.cholesky(view.carried.covariance))
+    for c, pose in enumerate(poses):
+        if pose is not None:
+            root = np.linalg.inv(np.linalg.cholesky(pose.covariance))
             information[c], roots[c, :6, :6] = root.T @ root, root.T
     return PosePriors(T, information), roots
 

@@ -14,10 +14,10 @@ from camrig.geometry.arrays import Array
 from camrig.geometry.bundle import Adjusted, Estimate, Views, camera_evidence, projected
 from camrig.geometry.bundle_kernel import CAMERA
 from camrig.geometry.lens.errors import error_slopes
-from camrig.geometry.pose import difference
+from camrig.geometry.pose import PosePriors, difference
 from camrig.locate.fit import inflation
 from camrig.locate.joint_problem import Problem
-from camrig.locate.lenses import Lenses, Refined, as_calibrated
+from camrig.locate.lenses import LEAST_SHARE, Lenses, Refined, as_calibrated
 from camrig.locate.standing import Standing, aged, begun, carried_on, told
 from camrig.messages import Event, Level
 from camrig.rig import CameraSpec, Rig
@@ -28,9 +28,6 @@ MOVED_PX = 10.0
 REPEATED = 0.05
 """The part of its information for which such a tag counts, so that what stands still holds the cameras in place."""
 
-LEAST_SHARE = 0.1
-"""So much of a calibration's sigma always stays: what four numbers cannot say of a lens."""
-
 BOUND_SIGMAS = 3.0
 """No number moves further from the calibration; one that would tells that the calibration is wrong."""
 
@@ -38,9 +35,12 @@ TOLD_SIGMAS = 0.5
 """An operator is told again when a number has moved by more."""
 
 
-def learn(lenses: Lenses, problem: Problem, found: Adjusted, rig: Rig) -> tuple[Lenses, tuple[Event, ...]]:
+def learn(
+    lenses: Lenses, problem: Problem, found: Adjusted, carriers: PosePriors, rig: Rig
+) -> tuple[Lenses, tuple[Event, ...]]:
     """Return what is known of the lenses after one more joint estimate, and what an operator should know of it.
 
+    ``carriers`` is what carries the problem's cameras says of their poses, whatever was believed of them there.
     Nothing is learnt where no camera asks for it, or where no tag has moved since it last counted.
     """
     wanted = [camera for camera in rig.cameras.values() if camera.refine_lens]
@@ -53,8 +53,9 @@ def learn(lenses: Lenses, problem: Problem, found: Adjusted, rig: Rig) -> tuple[
     counted = {**lenses.counted, **{key: at_px for (key, at_px), new in zip(places, moved, strict=True) if new}}
     stamp_s = max(lenses.stamp_s, *problem.camera_stamps_s)
     standing = aged(lenses.standing or begun(rig, stamp_s), rig, stamp_s)
-    standing = carried_on(standing, rig, problem.camera_ids, problem.cameras)
-    standing = told(standing, rig, problem.camera_ids, *_evidence(problem, found, rig, np.where(moved, 1.0, REPEATED)))
+    standing = carried_on(standing, rig, problem.camera_ids, carriers)
+    weight = np.where(moved, 1.0, REPEATED)
+    standing = told(standing, rig, problem.camera_ids, *_evidence(problem, found, carriers, rig, weight))
     refined = {
         camera.id: _refined(standing, k, camera) for k, camera in enumerate(rig.cameras.values()) if camera.refine_lens
     }
@@ -68,11 +69,11 @@ def _has_moved(before_px: Array | None, at_px: Array) -> bool:
     return before_px is None or float(np.linalg.norm(at_px - before_px)) >= MOVED_PX
 
 
-def _evidence(problem: Problem, found: Adjusted, rig: Rig, weight: Array) -> tuple[Array, Array]:
+def _evidence(problem: Problem, found: Adjusted, carriers: PosePriors, rig: Rig, weight: Array) -> tuple[Array, Array]:
     """Return what one estimate's corners say of its cameras, for ``standing.told``; less where they fit badly."""
     at = found.estimate
     information, gradient = camera_evidence(_as_fitted(problem, at, rig).weighed(weight), problem.bodies, at)
-    pairs = zip(at.cameras, problem.cameras.T, at.lenses, strict=True)
+    pairs = zip(at.cameras, carriers.T, at.lenses, strict=True)
     errors = np.concatenate([np.concatenate([difference(T, T_carried), lens]) for T, T_carried, lens in pairs])
     unknowns = CAMERA * len(problem.camera_ids) + 6 * len(problem.names)
     badness = inflation(float(found.chi2.sum()), max(8 * len(found.chi2) - unknowns, 4))

@@ -50,6 +50,16 @@ class Standing:
         own = slice(CAMERA * k + 6, CAMERA * (k + 1))
         return self.mean[own], self.covariance[own, own]
 
+    def pose(self, rig: Rig, name: str, T_carried: Transform) -> tuple[Array, Array] | None:
+        """Return mean (6,) and covariance (6, 6) of what is wrong with the pose that a carrier has for its camera; None
+        where nothing was learnt since it moved.
+        """
+        if name not in self.carried or _has_moved(self.carried[name], T_carried):
+            return None
+        first = CAMERA * list(rig.cameras).index(name)
+        own = slice(first, first + 6)
+        return self.mean[own], self.covariance[own, own]
+
 
 def begun(rig: Rig, stamp_s: float) -> Standing:
     """Return what calibrations say, and nothing of poses."""

@@ -42,7 +42,8 @@ class Sighting:
 class Motion:
     """How a body moves as far as is known: ``T_world_body`` at ``stamp_s`` (None = not known where), velocity (3,) with
     its (3, 3) covariance, the density (3,) of its acceleration in m2/s3, the variance (3,) that each second adds to
-    its orientation, by world axis, and how fast its way turns about the vertical.
+    its orientation, by world axis, and how fast its way and its heading turn together about the vertical, with the
+    variance of that.
     """
 
     stamp_s: float
@@ -52,6 +53,7 @@ class Motion:
     acceleration_m2_s3: Array
     turn_rad2_s: Array
     turn_rate_rad_s: float = 0.0
+    turn_rate_rad2_s2: float = 0.0
 
     def shift_m(self, dt_s: float) -> Array:
         """Return by what (3,) it is further on ``dt_s`` later or, negative, earlier."""
@@ -59,11 +61,16 @@ class Motion:
         bend = 0.5 * self.turn_rate_rad_s * dt_s
         return np.array([vx - bend * vy, vy + bend * vx, vz]) * dt_s
 
+    def turn_rad(self, dt_s: float) -> Array:
+        """Return the rotation vector (3,) by which it has turned on meanwhile."""
+        return np.array([0.0, 0.0, self.turn_rate_rad_s * dt_s])
+
     def spread(self, dt_s: float) -> Array:
         """Return the (6, 6) covariance (geometry.pose) of its pose ``dt_s`` later or earlier, given what it is now."""
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = self.velocity_covariance * dt_s**2 + np.diag(self.acceleration_m2_s3) * abs(dt_s) ** 3 / 3
         covariance[3:, 3:] = np.diag(self.turn_rad2_s) * abs(dt_s)
+        covariance[5, 5] += self.turn_rate_rad2_s2 * dt_s**2
         return covariance
 
 

@@ -34,6 +34,7 @@ def problem(spread_s: float = 0.0) -> Problem:
         motions,
         floor.rig,
         AS_CALIBRATED.priors(list(floor.rig.cameras.values())),
+        [view.carried for view in views],
     )
 
 
@@ -147,7 +148,8 @@ def test_an_estimate_without_error_has_corners_where_they_were_seen() -> None:
     views = [floor.view(name, noise=0.0) for name in floor.rig.cameras]
     motions = fuse.motions(fuse.Tracks(), floor.rig, 1.0)
     lenses = AS_CALIBRATED.priors(list(floor.rig.cameras.values()))
-    of = build(views, {name: (1.0, T) for name, T in floor.places.items()}, motions, floor.rig, lenses)
+    starts, poses = {name: (1.0, T) for name, T in floor.places.items()}, [view.carried for view in views]
+    of = build(views, starts, motions, floor.rig, lenses, poses)
     at = replace(of.start, cameras=np.stack([floor.true_poses[view.camera_id] for view in views]))
     assert projected(of.views, at) == pytest.approx(of.views.ideal, abs=1e-7)
 
