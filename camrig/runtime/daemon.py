@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from functools import partial
 
 from camrig import locate
 from camrig.clock import Clock, RealClock
@@ -18,10 +17,10 @@ from camrig.errors import CamrigError, HardwareError
 from camrig.interfaces import Sink
 from camrig.messages import FlightState, HeadAim, LinkReport
 from camrig.pipeline import Settings
-from camrig.runtime.build import make_detector, make_devices, make_sinks
+from camrig.runtime.build import make_jobs, make_sinks
 from camrig.runtime.camera_job import CameraJob
 from camrig.runtime.control import LEAST_TICK_S, TICK_S, Control, Devices
-from camrig.runtime.drone_job import DroneJob, pilot
+from camrig.runtime.drone_job import DroneJob
 from camrig.runtime.guardian_link import GuardianLink
 from camrig.runtime.head_job import HeadJob
 from camrig.runtime.mailbox import Mailbox
@@ -90,7 +89,7 @@ class Daemon:
         self._open.callback(gc.unfreeze)
         self._guardian = GuardianLink()
         self._open.callback(self._guardian.close)
-        self.devices = self._build(self._guardian)
+        self.devices = make_jobs(self.config, self.clock, self._guardian, self._news, self.held)
         planner = PlannerLink(self.config.rig, self.settings.planner, self.clock)
         self._open.callback(planner.close)
         sinks = [*make_sinks(self.config), *self.extra_sinks]
@@ -296,28 +295,3 @@ class Daemon:
             log_failure(log, "control", error)
             self._control_failure = error
             self._stopping.set()
-
-    def _build(self, guardian: GuardianLink) -> Devices:
-        config, clock = self.config, self.clock
-        detector = partial(make_detector, config)
-        drones = {name: DroneJob(name, drone, clock) for name, drone in make_devices(config, "drones").items()}
-        return Devices(
-            cameras={
-                name: CameraJob(
-                    name,
-                    camera,
-                    detector,
-                    clock,
-                    config.rig.cameras[name].lens,
-                    config.refine,
-                    told=pilot(name, config.rig, drones),
-                    news=self._news,
-                )
-                for name, camera in make_devices(config, "cameras").items()
-            },
-            heads={
-                name: HeadJob(name, head, guardian, config.rig.heads[name].auto_enable and name not in self.held)
-                for name, head in make_devices(config, "heads").items()
-            },
-            drones=drones,
-        )
