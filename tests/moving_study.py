@@ -206,7 +206,7 @@ def main() -> None:
     options = asked.parse_args()
     scenes: list[list[Sample]] = []
     print(
-        "| heads swing at up to, deg/s | n | mean mm | 95 % mm | along mm | NEES | 95 %, scenes | largest | in the plane |"
+        "| heads swing to, deg/s | n | mean mm | 95 % mm | along mm | NEES | 95 %, scenes | largest | in the plane |"
     )
     print("|--|--|--|--|--|--|--|--|--|")
     for speed in SPEEDS_DEG_S:
