@@ -19,8 +19,8 @@ from camrig_drivers.pelco_d.steering import DisobeyedError, Parts, RunawayError,
 _ROUNDS_TO_TARGET = 1.4
 _ROUND_GAIN = 0.25
 _ANSWERS_BY_S = 0.03
-_LAG_S = 0.1
-"""From a report to a command in force: the rest of a round trip, a gap, the head's own."""
+_LAG_S = 0.05
+"""From a report to a command in force, besides what the head takes to begin: the rest of a round trip, a gap."""
 _MOVES_BY_S = 5.0
 _TURNS_BY_S = 0.7
 _AWAY_RAD = math.radians(2.0)
@@ -122,7 +122,7 @@ class VelocityPointing:
         assert loop.motor_rad is not None
         acceleration = math.radians(self.parts.axes[axis].section.acceleration_deg_s2)
         moving_rad_s = math.copysign(loop.speeds.speed_rad_s(abs(loop.byte)), loop.byte)
-        ahead_s = self.parts.clock.now_s() - loop.stamp_s + _LAG_S
+        ahead_s = self.parts.clock.now_s() - loop.stamp_s + _LAG_S + self.parts.section.start_s
         error_rad = loop.ahead[0] - loop.motor_rad - moving_rad_s * ahead_s
         way_rad, towards = abs(error_rad), math.copysign(1.0, error_rad)
         forward_rad_s = max(0.0, towards * moving_rad_s)
