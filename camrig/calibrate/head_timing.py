@@ -137,7 +137,7 @@ def report_age(
             speeds.append(speed)
     if not at:
         return None
-    views = views_of(at, lens, {name: size for name, size in sizes_m.items() if name in T_world_tag})
+    views = views_of(at, lens, {name: sizes_m[name] for name in T_world_tag})
     if not len(views.shot):
         return None
     off = off_model_rad(model, T_world_tag, views)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from camrig.cli.calibrate_extrinsics import extrinsics
+from camrig.cli.calibrate_head import head
 
 calibrate = typer.Typer(help="Find out what a rig is really like.", no_args_is_help=True, rich_markup_mode="markdown")
 
@@ -15,3 +16,4 @@ def _no_calibration() -> None:
 
 
 calibrate.command()(extrinsics)
+calibrate.command()(head)

@@ -7,7 +7,7 @@ whoever asked for the end is heard between any two exchanges. Nothing here enabl
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -81,13 +81,13 @@ class _Flank:
 
 @dataclass
 class HeadBench:
-    """One head; ``sizes`` are the names of tags that count. Used by one thread."""
+    """One head; ``tags`` are the names of those that count. Used by one thread."""
 
     name: str
     head: Head
     eye: Eye
     clock: Clock
-    tags: frozenset[str]
+    tags: Container[str]
     asked_to_end: Callable[[], bool] = lambda: False
     frames: list[TagDetections] = field(default_factory=list)
     readings: dict[str, list[AxisReading]] = field(default_factory=lambda: {axis: [] for axis in AXES})
