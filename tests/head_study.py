@@ -91,6 +91,8 @@ class StudyEye:
     rig: SimulatedHeads
     rng: np.random.Generator
     tags: Mapping[TagKey, Transform] = field(default_factory=lambda: T_WORLD_TAG)
+    angles_deg: list[tuple[float, float]] = field(default_factory=list)
+    """Where the head truly was at each frame."""
     _next_s: float = 0.0
 
     def take(self) -> tuple[TagDetections, ...]:
@@ -103,7 +105,9 @@ class StudyEye:
         return tuple(found)
 
     def _frame(self, stamp_s: float) -> TagDetections:
-        T = true_camera(*self.rig.line.true_angles_rad("pt1", stamp_s))
+        angles_rad = self.rig.line.true_angles_rad("pt1", stamp_s)
+        self.angles_deg.append((math.degrees(angles_rad[0]), math.degrees(angles_rad[1])))
+        T = true_camera(*angles_rad)
         tags = []
         for key, T_world_tag in self.tags.items():
             corners = tag_in_picture(LENS, T, T_world_tag, SIZE_M)
@@ -130,7 +134,7 @@ def emulated(seed: int, keys: Mapping[str, Any], **settings: Any) -> SimulatedHe
     return SimulatedHeads(1, 9600, {"gap_s": 0.02, **keys}, seed, **{**usual, **settings})
 
 
-def study(seed: int, *, anchored: bool, **settings: Any) -> tuple[HeadResult, SimulatedHeads]:
+def study(seed: int, *, anchored: bool, **settings: Any) -> tuple[HeadResult, SimulatedHeads, StudyEye]:
     """Calibrate the emulated head from a file that knows next to nothing of it."""
     section = PelcoDSection.model_validate({"port": "/sim", "gap_s": 0.02})
     rig = emulated(seed, {}, **settings)
@@ -147,7 +151,7 @@ def study(seed: int, *, anchored: bool, **settings: Any) -> tuple[HeadResult, Si
         anchors={str(key): T for key, T in T_WORLD_TAG.items()} if anchored else {},
     )
     bench = HeadBench("pt1", rig.head, eye, rig.time, frozenset(sizes))
-    return run_calibration(bench, place, "absolute", lambda _, __: None), rig
+    return run_calibration(bench, place, "absolute", lambda _, __: None), rig, eye
 
 
 @dataclass(frozen=True)
@@ -261,7 +265,7 @@ def main() -> None:
     given = parser.parse_args()
     for seed in range(1, given.seeds + 1):
         begun_s = time.perf_counter()
-        result, rig = study(seed, anchored=not given.free_tags)
+        result, rig, _ = study(seed, anchored=not given.free_tags)
         rows = numbers(result)
         worst = max(rows, key=lambda row: row.off / row.bar)
         for row in rows:

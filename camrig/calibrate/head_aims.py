@@ -38,18 +38,18 @@ class Stop:
     look: bool = True
 
 
-def safe_pan(limits_rad: Interval, factor: float, here_rad: float, margin_rad: float) -> Interval:
-    """Return the reports of pan that are within the limits, and are so too when it really turns by ``factor``."""
-    low, high = (limit - here_rad for limit in limits_rad)
-    turned = sorted((low / factor, high / factor))
-    low, high = max(low, turned[0]) + margin_rad, min(high, turned[1]) - margin_rad
-    return (here_rad + low, here_rad + high) if low < high else (here_rad, here_rad)
+def safe_range(limits_rad: Interval, axis: AxisModel, here_rad: float, margin_rad: float, doubt: float) -> Interval:
+    """Return the reports of an axis at which it truly is within its limits, as far as ``axis`` is right.
 
-
-def safe_tilt(limits_rad: Interval, tilt: AxisModel, margin_rad: float) -> Interval:
-    """Return the reports of tilt that are within the limits, whose zero the first turn of pan has shown."""
-    ends = [tilt.pivot_rad + (limit - tilt.pivot_rad - tilt.offset_rad) / tilt.factor for limit in limits_rad]
-    return min(ends) + margin_rad, max(ends) - margin_rad
+    The margin grows by ``doubt`` with the way from ``here_rad``, the present report.
+    """
+    at_rad = float(axis.line_rad(np.array(here_rad)))
+    ways = []
+    for limit_rad, inwards in zip(limits_rad, (1.0, -1.0), strict=True):
+        way_rad = limit_rad - at_rad
+        ways.append((way_rad + inwards * (margin_rad + doubt * abs(way_rad))) / axis.factor)
+    low_rad, high_rad = min(ways), max(ways)
+    return here_rad + low_rad, here_rad + high_rad
 
 
 def tags_shown(

@@ -166,7 +166,7 @@ class HeadBench:
             aim_rad=aim_rad,
         )
 
-    def visit(self, stops: Sequence[Stop], done: Callable[[], None]) -> list[HeadShot]:
+    def visit(self, stops: Sequence[Stop]) -> list[HeadShot]:
         """Go from stop to stop; return what was seen where there was something to see."""
         shots = []
         for stop in stops:
@@ -175,7 +175,6 @@ class HeadBench:
                 shot = self.look(stood_s, np.array([stop.pan_rad, stop.tilt_rad]))
                 if shot is not None and shot.corners_px:
                     shots.append(shot)
-            done()
         return shots
 
     def run(self, steps: tuple[int, int], lasts_s: float, bounds_rad: Sequence[tuple[float, float]]) -> list[Run]:

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from camrig.calibrate.head import LEAST_SHOTS, calibrate_head, on_a_pivot
-from camrig.calibrate.head_aims import Stop, grid, repeats, safe_pan, safe_tilt, tags_shown, tour
-from camrig.calibrate.head_model import PAN, TILT, HeadModel, HeadShot
-from camrig.calibrate.head_start import Turn, expected_axes, turn, with_turns
+from camrig.calibrate.head_aims import Stop, grid, repeats, safe_range, tags_shown, tour
+from camrig.calibrate.head_model import PAN, TILT, HeadModel, HeadShot, views_of
+from camrig.calibrate.head_start import Turn, begin, expected_axes, turn, with_turns
 from camrig.calibrate.head_timing import Run
 from camrig.errors import InputError, PartialError
 from camrig.geometry.arrays import Array, Transform
@@ -26,6 +26,8 @@ from camrig.runtime.head_bench import AXES, HeadBench
 
 FIRST_TURN_RAD = math.radians(4.0)
 MARGIN_RAD = math.radians(1.0)
+FIRST_DOUBT = 0.04
+"""By how much of itself a way may be longer than the first small turn makes it."""
 _WALK_SHARE = 0.45
 """Part of the picture's width that a step of the walk moves it."""
 _MOST_WALK_RAD = math.radians(20.0)
@@ -75,15 +77,22 @@ def survey(bench: HeadBench, place: Place, tell: Tell) -> Survey:
     tell("looking for tags", 0.05)
     _walk(bench, place, found)
     model, tags = _roughly(place, found)
+    walked = found.ranges_rad
+    _keep_within(bench, place, found, model, 0.0)
+    pan, tilt = (
+        (max(low, low_walked), min(high, high_walked))
+        for (low, high), (low_walked, high_walked) in zip(found.ranges_rad, walked, strict=True)
+    )
+    found.ranges_rad = (pan, tilt)
     stops = _tour(place, found, model, tags)
     for number, stop in enumerate(stops):
         tell("rows and columns", 0.15 + 0.55 * number / len(stops))
-        found.shots += bench.visit([stop], lambda: None)
+        found.shots += bench.visit([stop])
     tell("speeds", 0.7)
     if isinstance(bench.head, TurnsByStep):
         _speeds(bench, place, found, tell)
     tell("repeats", 0.9)
-    found.shots += bench.visit(_repeats(place, found, model, tags), lambda: None)
+    found.shots += bench.visit(_repeats(place, found, model, tags))
     bench.go(*np.mean(found.ranges_rad, axis=1))
     found.frames, found.moving_s, found.settles_s = bench.frames, bench.moving_s, bench.settles_s
     return found
@@ -120,16 +129,31 @@ def _first_turns(bench: HeadBench, place: Place, found: Survey) -> None:
                 "and its camera's picture did not turn: is that camera on this head, and do its tags stand still?"
             )
     found.start = with_turns(found.start, turns[PAN], turns[TILT], during)
-    pan, tilt = found.start.axes
-    found.ranges_rad = (
-        safe_pan(place.limits_rad[PAN], pan.factor, float(here[PAN]), MARGIN_RAD),
-        safe_tilt(place.limits_rad[TILT], tilt, MARGIN_RAD),
+    _keep_within(bench, place, found, _with_anchors(place, found), FIRST_DOUBT)
+
+
+def _with_anchors(place: Place, found: Survey) -> HeadModel:
+    """Return the rough head, pan's zero by the anchors that were seen so far, or as it reports itself."""
+    views = views_of(found.shots, place.lens, place.sizes_m)
+    if any(name in place.anchors for name in views.tags):
+        return begin(found.start, views, place.anchors)[0]
+    return found.start
+
+
+def _keep_within(bench: HeadBench, place: Place, found: Survey, model: HeadModel, doubt: float) -> None:
+    """Set the ranges to where the limits are by a model. Raises PartialError for a head that is outside of them."""
+    here = bench.reported_rad
+    pan, tilt = (
+        safe_range(limits, axis, float(at), MARGIN_RAD, doubt)
+        for limits, axis, at in zip(place.limits_rad, model.axes, here, strict=True)
     )
-    for name, at, (low, high) in zip(AXES, here, found.ranges_rad, strict=True):
+    for axis, at, (low, high) in zip(AXES, here, (pan, tilt), strict=True):
         if not low <= at <= high:
             raise PartialError(
-                f"head {bench.name} stands outside the limits of its {name}: turn it inside, or widen them"
+                f"head {bench.name} stands within {math.degrees(MARGIN_RAD):g} deg of a limit of its {axis}, or "
+                "beyond: turn it inwards"
             )
+    found.ranges_rad = (pan, tilt)
 
 
 def _walk(bench: HeadBench, place: Place, found: Survey) -> None:
@@ -154,7 +178,7 @@ def _walk_out(bench: HeadBench, found: Survey, axis: int, here: Array, step_rad:
     while empty < _EMPTY_STOPS and abs(end_rad - aim[axis]) > 1e-6:
         way = end_rad - aim[axis]
         aim[axis] += way if abs(way) < abs(step_rad) else step_rad
-        shots = bench.visit([Stop(*aim)], lambda: None)
+        shots = bench.visit([Stop(*aim)])
         found.shots += shots
         empty = 0 if shots else empty + 1
         last = float(aim[axis]) if shots else last
