@@ -22,7 +22,7 @@ from camrig.calibrate.head_model import AxisModel, HeadModel
 from camrig.calibrate.head_result import HeadResult
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pan_tilt import R_MOUNT_OPTICAL
-from camrig.messages import TagDetection, TagDetections
+from camrig.messages import HeadFindings, TagDetection, TagDetections
 from camrig.rig import TagKey
 from camrig.runtime.head_bench import HeadBench
 from camrig.runtime.head_calibration import run_calibration
@@ -138,8 +138,7 @@ def study(seed: int, *, anchored: bool, **settings: Any) -> tuple[HeadResult, Si
     """Calibrate the emulated head from a file that knows next to nothing of it."""
     section = PelcoDSection.model_validate({"port": "/sim", "gap_s": 0.02})
     rig = emulated(seed, {}, **settings)
-    widened = replace(spec("pt1"), pan_limits_rad=(-math.pi, math.pi), tilt_limits_rad=(-math.pi, math.pi))
-    rig.heads = [PelcoDHead(widened, plain(section), rig.bus, rig.time)]
+    rig.heads = [_plain(section, rig)]
     eye = StudyEye(rig, np.random.default_rng(seed))
     sizes = {str(key): SIZE_M for key in T_WORLD_TAG}
     place = Place(
@@ -151,7 +150,16 @@ def study(seed: int, *, anchored: bool, **settings: Any) -> tuple[HeadResult, Si
         anchors={str(key): T for key, T in T_WORLD_TAG.items()} if anchored else {},
     )
     bench = HeadBench("pt1", rig.head, eye, rig.time, frozenset(sizes))
-    return run_calibration(bench, place, "absolute", lambda _, __: None), rig, eye
+
+    def servo(found: HeadFindings) -> PelcoDHead:
+        return _plain(section_with(section, changes(section, found)), rig)
+
+    return run_calibration(bench, place, lambda _, __: None, servo), rig, eye
+
+
+def _plain(section: PelcoDSection, rig: SimulatedHeads) -> PelcoDHead:
+    widened = replace(spec("pt1"), pan_limits_rad=(-math.pi, math.pi), tilt_limits_rad=(-math.pi, math.pi))
+    return PelcoDHead(widened, plain(section), rig.bus, rig.time)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -98,7 +99,7 @@ def head(
         with camera_eye(running, camera.id, clock) as eye, _progress(hidden=json) as tell:
             bench = HeadBench(name, plain_head(running, name), eye, clock, place.sizes_m, asked.is_set)
             try:
-                result = run_calibration(bench, place, "absolute", tell)
+                result = run_calibration(bench, place, tell, partial(plain_head, running, name))
             except Interrupted:
                 people.print(f"{name} is stopped; nothing was written", highlight=False, markup=False)
                 raise typer.Exit(_INTERRUPTED) from None
@@ -121,13 +122,19 @@ def _hand_out(
     if report is not None:
         write_report(report, page(name, config, result, changes))
         people.print(f"the report is {report}", highlight=False, markup=False, soft_wrap=True)
+    unwritten = ""
     if write and not bad:
-        amend_rig(config, changes)
-    answer = as_json(name, camera.id, result, changes, str(config) if write and not bad else None)
+        try:
+            amend_rig(config, changes)
+        except InputError as error:  # three minutes of motion are not lost by that
+            unwritten = str(error)
+    written = write and not bad and not unwritten
     if json:
-        print_json(answer)
+        print_json(as_json(name, camera.id, result, changes, str(config) if written else None))
     else:
-        print_result(name, result, changes, written=write and not bad)
+        print_result(name, result, changes, written=written)
+    if unwritten:
+        raise PartialError(unwritten)
     if bad:
         raise PartialError(f"{name} is not fit for use as it is, and nothing was written: {result.reasons()[0][1]}")
 

@@ -27,7 +27,9 @@ POLL_S = 0.1
 _STILL_RAD = math.radians(0.03)
 _THERE_RAD = math.radians(0.6)
 """A head that stands further off from where it was sent was stopped by something."""
-_STAND_S = 0.25
+_EXACT_RAD = math.radians(0.15)
+_STAND_S, _CREEP_S = 0.25, 1.2
+"""At rest where it was sent, and near that: a servo may still correct itself."""
 _BEGIN_S = 1.5
 """A head that has not begun to move so long after it was sent will not."""
 _STUCK_S = 6.0
@@ -43,6 +45,10 @@ _SWALLOWED_RAD = math.radians(0.12)
 
 class Interrupted(Exception):  # noqa: N818 - somebody asked for it
     """The calibration was asked to end."""
+
+
+class DoesNotGo(PartialError):  # noqa: N818 - what it does
+    """It was sent to a position and did not move at all."""
 
 
 class Eye(Protocol):
@@ -133,11 +139,17 @@ class HeadBench:
             now_s, here = self.clock.now_s(), self.reported_rad
             if np.abs(here - last).max() > _STILL_RAD:
                 last, moved_s = here, now_s
-            there = bool(np.abs(here - target).max() < _THERE_RAD)
-            stands = now_s - moved_s > (_STAND_S if there else _BEGIN_S if moved_s == sent_s else _STUCK_S)
+            off_rad = float(np.abs(here - target).max())
+            there = off_rad < _THERE_RAD
+            patience_s = _STAND_S if off_rad < _EXACT_RAD else _CREEP_S if there else _STUCK_S
+            stands = now_s - moved_s > (patience_s if there or moved_s > sent_s else _BEGIN_S)
             if stands and there:
                 self.moving_s += moved_s - sent_s
+                if isinstance(self.head, TurnsByStep):
+                    self.head.turn(0, 0)  # nothing corrects it while it is looked through
                 return moved_s
+            if stands and moved_s == sent_s:
+                raise DoesNotGo(self._unmoved(here, target))
             if stands:
                 raise PartialError(self._kept(here, target))
 
@@ -252,6 +264,13 @@ class HeadBench:
                 late.append(frame.stamp_s)
         if len(late) > 1:
             self.settles_s.append(late[-1] - stood_s)
+
+    def _unmoved(self, here: Array, target: Array) -> str:
+        axis = int(np.argmax(np.abs(here - target)))
+        return (
+            f"head {self.name}: its {AXES[axis]} does not move when it is sent from {math.degrees(here[axis]):.1f} to "
+            f"{math.degrees(target[axis]):.1f} deg (as it reports): it is at a stop, is jammed, or takes no positions"
+        )
 
     def _kept(self, here: Array, target: Array) -> str:
         off = np.abs(here - target)

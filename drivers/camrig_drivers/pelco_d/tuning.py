@@ -58,7 +58,7 @@ def _speeds(axis: AxisFindings, was: AxisSection) -> dict[str, object]:
     if not axis.speeds_rad_s:
         return {}
     speeds = {step: round(math.degrees(speed), 4) for step, speed in sorted(axis.speeds_rad_s.items())}
-    growing = {step: speed for step, speed in speeds.items() if speed > max([0.0, *_below(speeds, step)])}
+    growing = {str(step): speed for step, speed in speeds.items() if speed > max([0.0, *_below(speeds, step)])}
     found: dict[str, object] = {"drive_sign": was.drive_sign * axis.drive, "speeds": growing}
     if axis.acceleration_rad_s2 is not None:
         found["acceleration_deg_s2"] = round(math.degrees(axis.acceleration_rad_s2), 1)

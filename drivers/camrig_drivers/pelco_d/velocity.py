@@ -51,6 +51,8 @@ class _Loop:
     nearest_rad: float = math.inf
     extra_s: float = 0.05
     """What a pulse needs beyond distance over speed."""
+    idle: bool = False
+    """The last motion was ended before it had begun: a head with a long dead time needs a pulse instead."""
     pulse: tuple[float, float] | None = None
     """Where the last pulse began and how far it was to go."""
 
@@ -94,7 +96,8 @@ class VelocityPointing:
             self.parts.watches[axis].stood()
             return
         byte = self._wanted(axis, loop)
-        if byte == 0 and rested and not any(other.byte for other in self._loops.values()):
+        loop.idle |= rested and byte == 0 != loop.byte
+        if (byte == 0 or loop.idle) and rested and not any(other.byte for other in self._loops.values()):
             self._pulse(axis, loop, error_rad, wire)
         elif byte != loop.byte or self._refresh_due():
             self._drive({axis: byte}, wire)
@@ -169,7 +172,7 @@ class VelocityPointing:
         self._drive({axis: int(math.copysign(first, error_rad))}, wire)
         clock.sleep_s(min(_LONGEST_PULSE_S, abs(error_rad) / loop.speeds.slowest_rad_s + loop.extra_s))
         assert loop.motor_rad is not None
-        loop.pulse = (loop.motor_rad, error_rad)
+        loop.pulse, loop.idle = (loop.motor_rad, error_rad), False
         self._drive({axis: 0}, wire)
 
     def _learn_pulse(self, loop: _Loop) -> None:
