@@ -11,7 +11,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -70,6 +70,13 @@ def _pose(xyz: tuple[float, float, float], rpy_deg: tuple[float, float, float] =
 
 _OPTICAL = np.eye(4)
 _OPTICAL[:3, :3] = R_MOUNT_OPTICAL
+
+
+def camera_in_mount(xyz: tuple[float, float, float], rpy_deg: tuple[float, float, float]) -> Transform:
+    """Return T_mount_camera of a camera that looks along the mount's x but for that."""
+    return np.asarray(_pose(xyz, rpy_deg) @ _OPTICAL)
+
+
 BASE = _pose((1.0, 1.0, 2.8))
 T_WORLD_TAG = {key: _pose(at, (0.0, 0.0, yaw)) for key, (at, yaw) in TAGS.items()}
 
@@ -80,8 +87,8 @@ def true_camera(pan_rad: float, tilt_rad: float) -> Transform:
     R_tilt = Rotation.from_rotvec([0.0, -tilt_rad, 0.0]).as_matrix()
     turn_pan, turn_tilt = np.eye(4), np.eye(4)
     turn_pan[:3, :3], turn_tilt[:3, :3] = R_pan, R_tilt
-    arm, mount = _pose((ARM_M, 0.0, 0.0), (ARM_ROLL_DEG, 0.0, 0.0)), _pose(CAMERA_M, CAMERA_RPY_DEG)
-    return np.asarray(BASE @ turn_pan @ arm @ turn_tilt @ mount @ _OPTICAL)
+    arm = _pose((ARM_M, 0.0, 0.0), (ARM_ROLL_DEG, 0.0, 0.0))
+    return np.asarray(BASE @ turn_pan @ arm @ turn_tilt @ camera_in_mount(CAMERA_M, CAMERA_RPY_DEG))
 
 
 @dataclass
@@ -134,12 +141,20 @@ def emulated(seed: int, keys: Mapping[str, Any], **settings: Any) -> SimulatedHe
     return SimulatedHeads(1, 9600, {"gap_s": 0.02, **keys}, seed, **{**usual, **settings})
 
 
-def study(seed: int, *, anchored: bool, **settings: Any) -> tuple[HeadResult, SimulatedHeads, StudyEye]:
+def study(
+    seed: int,
+    *,
+    anchored: bool,
+    tags: Mapping[TagKey, Transform] = T_WORLD_TAG,
+    emulated_heads: SimulatedHeads | None = None,
+    asked_to_end: Callable[[], bool] = lambda: False,
+    **settings: Any,
+) -> tuple[HeadResult, SimulatedHeads, StudyEye]:
     """Calibrate the emulated head from a file that knows next to nothing of it."""
     section = PelcoDSection.model_validate({"port": "/sim", "gap_s": 0.02})
-    rig = emulated(seed, {}, **settings)
+    rig = emulated_heads or emulated(seed, {}, **settings)
     rig.heads = [_plain(section, rig)]
-    eye = StudyEye(rig, np.random.default_rng(seed))
+    eye = StudyEye(rig, np.random.default_rng(seed), tags)
     sizes = {str(key): SIZE_M for key in T_WORLD_TAG}
     place = Place(
         lens=LENS,
@@ -149,7 +164,7 @@ def study(seed: int, *, anchored: bool, **settings: Any) -> tuple[HeadResult, Si
         speed_rad_s=math.radians(SPEED_DEG_S),
         anchors={str(key): T for key, T in T_WORLD_TAG.items()} if anchored else {},
     )
-    bench = HeadBench("pt1", rig.head, eye, rig.time, frozenset(sizes))
+    bench = HeadBench("pt1", rig.head, eye, rig.time, frozenset(sizes), asked_to_end)
 
     def servo(found: HeadFindings) -> PelcoDHead:
         return _plain(section_with(section, changes(section, found)), rig)

@@ -141,7 +141,8 @@ def _with_bends(found: HeadFit, free: list[str], anchors: Sequence[str]) -> tupl
         size = np.array([bent.model.axes[k].sine_rad, bent.model.axes[k].cosine_rad])
         rows = [len(free), len(free) + 1]
         chi2 = float(size @ np.linalg.solve(bent.covariance[np.ix_(rows, rows)], size))
-        if chi2 > _BEND_SIGMAS**2 and all(bent.sigma[name] < _bound(name) for name in (*bends, f"{axis} offset")):
+        asked = [name for name in (*bends, f"{axis} offset") if name in bent.sigma]
+        if chi2 > _BEND_SIGMAS**2 and all(bent.sigma[name] < _bound(name) for name in asked):
             found, free = bent, [*free, *bends]
     return found, free
 
