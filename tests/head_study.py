@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,8 @@ from camrig.calibrate.head_result import HeadResult
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pan_tilt import R_MOUNT_OPTICAL
 from camrig.messages import HeadFindings, TagDetection, TagDetections
+from camrig.report.calibration import Drawing
+from camrig.report.head_report import head_report
 from camrig.rig import TagKey
 from camrig.runtime.head_bench import HeadBench
 from camrig.runtime.head_calibration import run_calibration
@@ -280,12 +283,30 @@ def pointing_errors_deg(result: HeadResult, rig: SimulatedHeads, count: int, see
     return np.array(errors)
 
 
+def draw(folder: Path) -> None:
+    """Draw what a report draws."""
+    from camrig.report.canvas import figure_of, save, style
+
+    result, _, _ = study(1, anchored=True)
+    report = head_report("pt1", result, {}, [], {}, "")
+    for section in report.sections:
+        if isinstance(section, Drawing) and section.title in ("Play", "Turns"):
+            with style():
+                figure = figure_of(*section.size_in)
+                section.draw(figure)
+                save(figure, folder / f"calibrate-head-{section.title.lower()}.svg")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--aims", type=int, default=200)
     parser.add_argument("--free-tags", action="store_true", help="no anchors: the places of all tags are unknown")
+    parser.add_argument("--figures", type=Path, help="draw the figures of docs/calibrate-head.md into this folder")
     given = parser.parse_args()
+    if given.figures is not None:
+        draw(given.figures)
+        return
     for seed in range(1, given.seeds + 1):
         begun_s = time.perf_counter()
         result, rig, _ = study(seed, anchored=not given.free_tags)

@@ -22,7 +22,7 @@ Verdict = Literal["green", "amber", "red"]
 _AMBER_RAD, _RED_RAD = math.radians(0.1), math.radians(0.3)
 """Pointing errors: 0.1 deg is 1.7 mm a metre."""
 _NOISY_PX = 0.5
-_SHORT_RAD = math.radians(40.0)
+_SHORT_RAD = math.radians(25.0)
 _UNEVEN = 0.05
 
 
@@ -178,7 +178,8 @@ def _odd_speeds(timings: Sequence[AxisTiming | None]) -> Iterator[tuple[Verdict,
             for step in steps
             if {step, -step} <= timing.speed_rad_s.keys()
         ]
-        if any(abs(a - b) > _UNEVEN * (a + b) for a, b in both):
+        sigma = max(timing.speed_sigma_rad_s.values())
+        if any(abs(a - b) > max(_UNEVEN * (a + b), 5.0 * sigma) for a, b in both):
             yield "amber", f"{name} is not as fast one way as the other: weight on it, or a cable that pulls"
         means = [0.5 * (a + b) for a, b in both]
         if any(fast <= slow for slow, fast in pairwise(means)):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,53 +11,19 @@ import pytest
 from camrig.calibrate.head import HeadCalibration, calibrate_head
 from camrig.calibrate.head_aims import safe_range, tour
 from camrig.calibrate.head_fit import UNKNOWNS
-from camrig.calibrate.head_model import AxisModel, HeadModel, HeadShot, missed_px, views_of
+from camrig.calibrate.head_model import AxisModel, missed_px, views_of
 from camrig.calibrate.head_start import Turn, expected_axes, tilt_of, turn, with_turns
 from camrig.calibrate.head_timing import Run, axis_timing
 from camrig.errors import InputError
-from camrig.geometry.arrays import Array, Transform
+from camrig.geometry.arrays import Array
 from camrig.geometry.pose import perturb
-from tests.head_study import BASE, SIZE_M, T_WORLD_TAG, camera_in_mount
-from tests.simulated_room import LENS, tag_in_picture
-
-TAGS = {str(key): T for key, T in T_WORLD_TAG.items()}
-SIZES_M = dict.fromkeys(TAGS, SIZE_M)
-ARM = perturb(np.eye(4), np.array([0.02, 0.0, 0.0, 0.01, 0.0, 0.0]))
-TRUE = HeadModel(
-    BASE,
-    ARM,
-    camera_in_mount((0.03, 0.02, 0.05), (0.8, 0.0, -1.2)),
-    (AxisModel(0.0, -1.36, 0.1, 0.006), AxisModel(0.0, 0.9, -0.05, 0.004)),
-)
-FILE = HeadModel(BASE, np.eye(4), camera_in_mount((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), (AxisModel(), AxisModel()))
-ROUGH = replace(FILE, axes=(AxisModel(0.0, -1.38), AxisModel(0.0, 0.92, -0.03)))
-
-
-def _shots(
-    aims_deg: Sequence[tuple[float, float]], true: HeadModel = TRUE, tags: dict[str, Transform] | None = None
-) -> list[HeadShot]:
-    """Return what the camera sees at angles of the optics, each from both sides."""
-    rng = np.random.default_rng(1)
-    shots: list[HeadShot] = []
-    for travel in (1.0, -1.0):
-        for pan_deg, tilt_deg in aims_deg:
-            line_rad = np.radians([pan_deg, tilt_deg])
-            pairs = zip(line_rad, true.axes, strict=True)
-            reported = np.array([(line - axis.offset_rad) / axis.factor for line, axis in pairs])
-            both = np.full(2, travel)
-            T = true.T_world_camera(*true.angles_rad(reported[None], both[None])[0])
-            seen = {name: tag_in_picture(LENS, T, tag, SIZE_M) for name, tag in (tags or TAGS).items()}
-            corners = {name: px + rng.normal(0.0, 0.05, (4, 2)) for name, px in seen.items() if px is not None}
-            shots.append(HeadShot(reported, both, corners, float(len(shots))))
-    return shots
-
-
-AIMS_DEG = [(pan, tilt) for pan in range(-80, 81, 20) for tilt in (-70, -50, -35)]
+from tests.head_shots import AIMS_DEG, FILE, ROUGH, SIZES_M, TAGS, TRUE, seen_from
+from tests.simulated_room import LENS
 
 
 @pytest.fixture(scope="module")
 def found() -> HeadCalibration:
-    return calibrate_head(_shots(AIMS_DEG), LENS, SIZES_M, ROUGH)
+    return calibrate_head(seen_from(AIMS_DEG), LENS, SIZES_M, ROUGH)
 
 
 def test_axes_and_camera_are_found_without_an_anchor(found: HeadCalibration) -> None:
@@ -74,7 +39,7 @@ def test_axes_and_camera_are_found_without_an_anchor(found: HeadCalibration) -> 
 
 
 def test_what_the_motion_did_not_show_stays_and_is_named() -> None:
-    level = calibrate_head(_shots([(pan, -50.0) for pan in range(-80, 81, 10)]), LENS, SIZES_M, ROUGH)
+    level = calibrate_head(seen_from([(pan, -50.0) for pan in range(-80, 81, 10)]), LENS, SIZES_M, ROUGH)
     assert "tilt factor" in level.unshown
     assert level.fit.model.axes[1].factor == ROUGH.axes[1].factor
     # Tilt is a degree off by that, which pan's scale cannot be free of.
@@ -83,9 +48,11 @@ def test_what_the_motion_did_not_show_stays_and_is_named() -> None:
 
 def test_a_tag_that_moved_half_way_is_named_and_left_out(found: HeadCalibration) -> None:
     aims_deg = AIMS_DEG[::2]
-    shots = _shots(aims_deg)
+    shots = seen_from(aims_deg)
     name = max(found.fit.views.tags, key=lambda tag: sum(tag in shot.corners_px for shot in shots))
-    elsewhere = _shots(aims_deg, tags={**TAGS, name: perturb(TAGS[name], np.array([0.05, 0.02, 0.0, 0.0, 0.0, 0.1]))})
+    elsewhere = seen_from(
+        aims_deg, tags={**TAGS, name: perturb(TAGS[name], np.array([0.05, 0.02, 0.0, 0.0, 0.0, 0.1]))}
+    )
     half = len(shots) // 2
     result = calibrate_head([*shots[:half], *elsewhere[half:]], LENS, SIZES_M, ROUGH)
     assert result.loose == (name,)
@@ -94,18 +61,18 @@ def test_a_tag_that_moved_half_way_is_named_and_left_out(found: HeadCalibration)
 
 def test_a_counting_that_bends_is_followed() -> None:
     bent = replace(TRUE, axes=(replace(TRUE.axes[0], sine_rad=0.01, cosine_rad=-0.004), TRUE.axes[1]))
-    axis = calibrate_head(_shots(AIMS_DEG, bent), LENS, SIZES_M, ROUGH, TAGS).fit.model.axes[0]
+    axis = calibrate_head(seen_from(AIMS_DEG, bent), LENS, SIZES_M, ROUGH, TAGS).fit.model.axes[0]
     assert axis.sine_rad == pytest.approx(0.01, abs=5e-4)
     assert axis.cosine_rad == pytest.approx(-0.004, abs=5e-4)
 
 
 def test_too_few_stops_say_what_is_missing() -> None:
     with pytest.raises(InputError, match="only 6 of 6 stops showed a tag, and 8 are needed"):
-        calibrate_head(_shots(AIMS_DEG[12:15]), LENS, SIZES_M, ROUGH)
+        calibrate_head(seen_from(AIMS_DEG[12:15]), LENS, SIZES_M, ROUGH)
 
 
 def test_derivatives_are_those_of_the_pixels() -> None:
-    views = views_of(_shots(AIMS_DEG[10:14]), LENS, SIZES_M)
+    views = views_of(seen_from(AIMS_DEG[10:14]), LENS, SIZES_M)
     tags = np.stack([TAGS[name] for name in views.tags])
     off = np.zeros_like(views.reported_rad)
     before, by_link = missed_px(TRUE, tags, views, off)
@@ -125,7 +92,7 @@ def test_sign_scale_and_tilt_follow_from_single_turns(tilt_deg: float) -> None:
     mount = TRUE.T_mount_camera
     up, left = expected_axes(mount, math.radians(tilt_deg))
     assert tilt_of(mount, up) == pytest.approx(math.radians(tilt_deg))
-    shots = _shots([(0.0, -50.0), (4.0, -50.0), (0.0, -47.0)])
+    shots = seen_from([(0.0, -50.0), (4.0, -50.0), (0.0, -47.0)])
     rough = expected_axes(FILE.T_mount_camera, math.radians(-40.0))
     pan, tilt = turn(LENS, shots[0], shots[1], 0, rough[0]), turn(LENS, shots[0], shots[2], 1, rough[1])
     assert isinstance(pan, Turn)
