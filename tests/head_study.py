@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from camrig.calibrate.head_model import AxisModel, HeadModel
 from camrig.calibrate.head_result import HeadResult
+from camrig.clock import Clock
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pan_tilt import R_MOUNT_OPTICAL
 from camrig.messages import HeadFindings, TagDetection, TagDetections
@@ -33,6 +34,7 @@ from camrig.runtime.head_survey import Place
 from camrig_drivers.pelco_d.head import PelcoDHead
 from camrig_drivers.pelco_d.section import PelcoDSection
 from camrig_drivers.pelco_d.tuning import changes, plain
+from camrig_emulators.head_line import HeadLine
 from tests.simulated_line import SPEED_DEG_S, SimulatedHeads, spec
 from tests.simulated_room import LENS, tag_in_picture
 
@@ -98,7 +100,8 @@ def true_camera(pan_rad: float, tilt_rad: float) -> Transform:
 class StudyEye:
     """The camera on the emulated head: frames on a grid of times, stamped late."""
 
-    rig: SimulatedHeads
+    clock: Clock
+    line: HeadLine[Any]
     rng: np.random.Generator
     tags: Mapping[TagKey, Transform] = field(default_factory=lambda: T_WORLD_TAG)
     angles_deg: list[tuple[float, float]] = field(default_factory=list)
@@ -106,7 +109,7 @@ class StudyEye:
     _next_s: float = 0.0
 
     def take(self) -> tuple[TagDetections, ...]:
-        now_s = self.rig.time.now_s()
+        now_s = self.clock.now_s()
         self._next_s = max(self._next_s, now_s - 5.0)
         found = []
         while self._next_s <= now_s:
@@ -115,7 +118,7 @@ class StudyEye:
         return tuple(found)
 
     def _frame(self, stamp_s: float) -> TagDetections:
-        angles_rad = self.rig.line.true_angles_rad("pt1", stamp_s)
+        angles_rad = self.line.true_angles_rad("pt1", stamp_s)
         self.angles_deg.append((math.degrees(angles_rad[0]), math.degrees(angles_rad[1])))
         T = true_camera(*angles_rad)
         tags = []
@@ -157,9 +160,20 @@ def study(
     section = PelcoDSection.model_validate({"port": "/sim", "gap_s": 0.02})
     rig = emulated_heads or emulated(seed, {}, **settings)
     rig.heads = [_plain(section, rig)]
-    eye = StudyEye(rig, np.random.default_rng(seed), tags)
+    eye = StudyEye(rig.time, rig.line, np.random.default_rng(seed), tags)
+    place = study_place(anchored=anchored)
+    bench = HeadBench("pt1", rig.head, eye, rig.time, place.sizes_m, asked_to_end)
+
+    def servo(found: HeadFindings) -> PelcoDHead:
+        return _plain(section_with(section, changes(section, found)), rig)
+
+    return run_calibration(bench, place, lambda _, __: None, servo), rig, eye
+
+
+def study_place(*, anchored: bool) -> Place:
+    """Return what the file knows of the head and its tags."""
     sizes = {str(key): SIZE_M for key in T_WORLD_TAG}
-    place = Place(
+    return Place(
         lens=LENS,
         sizes_m=sizes,
         file=HeadModel(BASE, np.eye(4), _OPTICAL, (AxisModel(), AxisModel())),
@@ -167,12 +181,6 @@ def study(
         speed_rad_s=math.radians(SPEED_DEG_S),
         anchors={str(key): T for key, T in T_WORLD_TAG.items()} if anchored else {},
     )
-    bench = HeadBench("pt1", rig.head, eye, rig.time, frozenset(sizes), asked_to_end)
-
-    def servo(found: HeadFindings) -> PelcoDHead:
-        return _plain(section_with(section, changes(section, found)), rig)
-
-    return run_calibration(bench, place, lambda _, __: None, servo), rig, eye
 
 
 def _plain(section: PelcoDSection, rig: SimulatedHeads) -> PelcoDHead:

@@ -62,6 +62,7 @@ def test_a_head_that_takes_no_positions_is_steered_by_its_speeds() -> None:
         study(1, anchored=True, emulated_heads=rig, asked_to_end=lambda: rig.time.now_s() > 145.0)
     driven = [motion for motion in rig.motions() if motion != "stop" and motion[4:8] not in ("004b", "004d")]
     assert len(driven) > 20
+    rig.time.sleep_s(1.0)  # it coasts
     stopped_deg = rig.truth_deg()
     rig.time.sleep_s(1.0)
     assert rig.truth_deg() == stopped_deg
