@@ -61,10 +61,12 @@ class HeadTuning:
 
     ``plain`` returns the section of a head to be calibrated: it counts as the file says and reports its motor, without
     play, bend or age. ``changes`` returns what of the section is to be written, by path within the head's own keys.
+    ``reads_back`` tells whether a head with that section tells its angles.
     """
 
     plain: Callable[[Any], Any]
     changes: Callable[[Any, HeadFindings], Mapping[tuple[str, ...], object]]
+    reads_back: Callable[[Any], bool] = lambda _: True
 
 
 @dataclass(frozen=True, slots=True)

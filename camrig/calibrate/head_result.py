@@ -38,6 +38,7 @@ class HeadResult:
     grade: HeadGrade
     moving_s: float
     settles_s: tuple[float, ...]
+    speed_sigma: float | None = None
 
     @property
     def start_s(self) -> tuple[float, float] | None:
@@ -60,6 +61,7 @@ class HeadResult:
             grade=self.grade,
             report_age_s=None if self.age_s is None else self.age_s[0],
             start_s=None if start is None else start[0],
+            speed_sigma=self.speed_sigma,
         )
 
     def _axis(self, k: int) -> AxisFindings:
@@ -143,6 +145,10 @@ class HeadResult:
         return reasons[0][0] if reasons else "green"
 
     def _reasons(self) -> Iterator[tuple[Verdict, str]]:
+        if self.grade == "open loop":
+            yield "amber", "it tells nothing of its angles: only its time model is found; keep anchors in view"
+            yield from _odd_speeds(self.timings)
+            return
         error_rad = self.pointing_rad
         about = f"it points within {math.degrees(error_rad):.2f} deg (one sigma)"
         if not error_rad <= _RED_RAD:
@@ -160,7 +166,7 @@ class HeadResult:
             if span < _SHORT_RAD:
                 yield "amber", f"{name} was turned over only {math.degrees(span):.0f} deg: more tags, or wider limits"
         if self.grade != "absolute":
-            yield "amber", f"it is a head of grade {self.grade}"
+            yield "amber", "it takes no positions, and is steered by its speeds"
         yield from _odd_speeds(self.timings)
 
     def sigma_of(self, name: str) -> float:

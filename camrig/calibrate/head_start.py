@@ -40,19 +40,31 @@ def turn(lens: Lens, before: HeadShot, after: HeadShot, axis: int, expected_axis
 
     None where they share no tag, or the axis or the picture stood still.
     """
-    shared = before.corners_px.keys() & after.corners_px.keys()
     reported_rad = float(after.reported_rad[axis] - before.reported_rad[axis])
-    rays = [_rays(lens, shot, sorted(shared)) for shot in (before, after)]
-    if not shared or abs(reported_rad) < _LEAST_TURN_RAD or not np.isfinite(rays).all():
+    rotation = camera_turn(lens, before.corners_px, after.corners_px)
+    if rotation is None or abs(reported_rad) < _LEAST_TURN_RAD:
         return None
-    # Kabsch: the rotation that takes the rays before to those after, which the camera's own undoes.
-    U, _, Vt = np.linalg.svd(rays[1].T @ rays[0])
-    turned = -rotation_log(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+    turned = rotation_log(rotation)
     seen_rad = float(np.linalg.norm(turned))
     if seen_rad < _LEAST_TURN_RAD:
         return None
     sign = math.copysign(1.0, float(turned @ expected_axis))
     return Turn(sign * seen_rad / reported_rad, sign * turned / seen_rad, seen_rad)
+
+
+def camera_turn(lens: Lens, before: Mapping[str, Array], after: Mapping[str, Array]) -> Array | None:
+    """Return R_before_after of a camera that turned (3, 3), by the corners that both pictures show; None without any.
+
+    Kabsch's rotation of the rays: that the camera also moved a little is left out.
+    """
+    shared = sorted(before.keys() & after.keys())
+    if not shared:
+        return None
+    rays = [_rays(lens, np.concatenate([corners[name] for name in shared])) for corners in (before, after)]
+    if not np.isfinite(rays).all():
+        return None
+    U, _, Vt = np.linalg.svd(rays[0].T @ rays[1])
+    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
 def expected_axes(T_mount_camera: Transform, tilt_rad: float) -> tuple[Array, Array]:
@@ -160,9 +172,8 @@ def with_turns(
     return replace(file, axes=(axes[PAN], axes[TILT]))
 
 
-def _rays(lens: Lens, shot: HeadShot, tags: Sequence[str]) -> Array:
-    """Return the (n, 3) unit rays of the corners of some tags."""
-    pixels = np.concatenate([shot.corners_px[tag] for tag in tags]) if tags else np.zeros((0, 2))
+def _rays(lens: Lens, pixels: Array) -> Array:
+    """Return the (n, 3) unit rays of (n, 2) pixels."""
     ideal = lens.unproject(pixels)
     rays = np.concatenate([ideal, np.ones((len(ideal), 1))], axis=1)
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))

@@ -27,7 +27,8 @@ from camrig.report.calibration import write_report
 from camrig.rig import CameraSpec, HeadMount, Interval
 from camrig.runtime.emulated import emulated_world
 from camrig.runtime.head_bench import HeadBench, Interrupted
-from camrig.runtime.head_calibration import camera_eye, plain_head, run_calibration
+from camrig.runtime.head_blind import BlindBench, run_blind_calibration
+from camrig.runtime.head_calibration import camera_eye, plain_head, reads_back, run_calibration
 from camrig.runtime.head_survey import Place, Tell
 
 _INTERRUPTED = 130
@@ -97,9 +98,14 @@ def head(
     with emulated_world(rig_config) as (running, _), asked_to_stop() as asked:
         clock = RealClock()
         with camera_eye(running, camera.id, clock) as eye, _progress(hidden=json) as tell:
-            bench = HeadBench(name, plain_head(running, name), eye, clock, place.sizes_m, asked.is_set)
+            plain = plain_head(running, name)
             try:
-                result = run_calibration(bench, place, tell, partial(plain_head, running, name))
+                if reads_back(running, name):
+                    bench = HeadBench(name, plain, eye, clock, place.sizes_m, asked.is_set)
+                    result = run_calibration(bench, place, tell, partial(plain_head, running, name))
+                else:
+                    blind = BlindBench(name, plain, eye, clock, place.sizes_m, asked.is_set)
+                    result = run_blind_calibration(blind, place, tell)
             except Interrupted:
                 people.print(f"{name} is stopped; nothing was written", highlight=False, markup=False)
                 raise typer.Exit(_INTERRUPTED) from None

@@ -43,6 +43,7 @@ def as_json(
         "T_mount_camera": {**pose_keys(T_forward), **_sigmas(result, "mount")},
         "start_s": start[0],
         "start_sigma_s": start[1],
+        "speed_sigma": result.speed_sigma,
         "report_age_s": age[0],
         "report_age_sigma_s": age[1],
         "settle_s": result.settle_s,
@@ -130,13 +131,14 @@ def axis_rows(result: HeadResult) -> Iterator[tuple[str, str, str]]:
         return cells[0], cells[1]
 
     yield "turned, deg", *numbers("turned_deg", 0)
-    yield "scale, against the file's", *numbers("scale", 5, "scale_sigma")
-    yield "offset, deg", *numbers("offset_deg", 3, "offset_sigma_deg")
-    yield "backlash, deg", *numbers("backlash_deg", 3, "backlash_sigma_deg")
+    if result.grade != "open loop":
+        yield "scale, against the file's", *numbers("scale", 5, "scale_sigma")
+        yield "offset, deg", *numbers("offset_deg", 3, "offset_sigma_deg")
+        yield "backlash, deg", *numbers("backlash_deg", 3, "backlash_sigma_deg")
+        yield "repeatability, deg", *numbers("repeatability_deg", 3)
     if any(axis["sine_deg"] or axis["cosine_deg"] for axis in both):
         yield "bend, sine, deg", *numbers("sine_deg", 3)
         yield "bend, cosine, deg", *numbers("cosine_deg", 3)
-    yield "repeatability, deg", *numbers("repeatability_deg", 3)
     yield "acceleration, deg/s2", *numbers("acceleration_deg_s2", 0)
     for step in sorted({int(step) for axis in both for step in _speeds(axis)}):
         cells = [f"{_speeds(axis)[str(step)]:.2f}" if str(step) in _speeds(axis) else "-" for axis in both]
@@ -151,7 +153,21 @@ def _speeds(axis: Mapping[str, object]) -> Mapping[str, float]:
 
 def fact_lines(result: HeadResult) -> Iterator[str]:
     """Yield what was found of the head as a whole, a sentence each."""
-    fit, model = result.calibration.fit, result.calibration.fit.model
+    if result.start_s is not None:
+        yield f"begins to move {1e3 * result.start_s[0]:.0f} ms after a command"
+    if result.speed_sigma is not None:
+        yield f"turns within {100.0 * result.speed_sigma:.1f} % of its speeds (one sigma)"
+    if result.grade != "open loop":
+        yield from _pointing_lines(result)
+    fit = result.calibration.fit
+    yield (
+        f"{len(result.calibration.shots)} stops, {len(fit.views.shot)} tags in pictures, corners miss by "
+        f"{fit.rms_px:.2f} px (rms); {result.moving_s:.0f} s of motion"
+    )
+
+
+def _pointing_lines(result: HeadResult) -> Iterator[str]:
+    model = result.calibration.fit.model
     at_mm = 1e3 * result.pointing_rad * result.working_m
     off_deg = math.degrees(result.pointing_rad)
     yield f"points within {off_deg:.3f} deg (one sigma), {at_mm:.1f} mm at {result.working_m:.1f} m"
@@ -159,16 +175,10 @@ def fact_lines(result: HeadResult) -> Iterator[str]:
     x_mm, y_mm, z_mm = 1e3 * np.array(model.T_mount_camera[:3, 3])
     yield f"axes {1e3 * model.T_arm_tilt[0, 3]:.1f} mm apart, {roll_deg:.2f} deg off square"
     yield f"camera {x_mm:.1f}, {y_mm:.1f}, {z_mm:.1f} mm from the tilt axis"
-    if result.start_s is not None:
-        yield f"begins to move {1e3 * result.start_s[0]:.0f} ms after a command"
     if result.age_s is not None:
         late = "after" if result.age_s[0] < 0.0 else "before"
         yield f"reports are of {1e3 * abs(result.age_s[0]):.0f} ms {late} the pictures of the same stamp"
     yield f"pictures stand {result.settle_s:.2f} s after it reports that it does; grade: {result.grade}"
-    yield (
-        f"{len(result.calibration.shots)} stops, {len(fit.views.shot)} tags in pictures, corners miss by "
-        f"{fit.rms_px:.2f} px (rms); {result.moving_s:.0f} s of motion"
-    )
     if not result.calibration.anchored:
         yield "no anchor was in view: where its base stands, and where pan is 0, stay as the file says"
 

@@ -24,14 +24,16 @@ def head_changes(config: RigConfig, head_id: str, camera_id: str, result: HeadRe
     device = config.devices["heads"][head_id]
     model = result.calibration.fit.model
     changes: dict[KeyPath, object] = {}
+    if device.driver.tuning is not None:
+        for path, value in device.driver.tuning.changes(device.section, result.findings()).items():
+            changes["heads", head_id, *path] = value
+    if result.grade == "open loop":
+        return changes
     if result.calibration.anchored:
         base = pose_keys(model.T_world_base)
         changes |= {("heads", head_id, key): value for key, value in base.items()}
     changes["heads", head_id, "T_arm_tilt"] = pose_keys(model.T_arm_tilt)
     changes["heads", head_id, "bias_deg"] = round(bias_deg(result), 4)
-    if device.driver.tuning is not None:
-        for path, value in device.driver.tuning.changes(device.section, result.findings()).items():
-            changes["heads", head_id, *path] = value
     T_mount_forward = model.T_mount_camera.copy()
     T_mount_forward[:3, :3] = T_mount_forward[:3, :3] @ R_MOUNT_OPTICAL.T
     changes["cameras", camera_id, "mount", "T_mount_camera"] = pose_keys(T_mount_forward)

@@ -31,7 +31,8 @@ class AxisFindings:
 @dataclass(frozen=True, slots=True)
 class HeadFindings:
     """Both axes and their time: what is reported was so ``report_age_s`` before its stamp, by the camera's stamps;
-    motion begins ``start_s`` after a command. None where it was not found.
+    motion begins ``start_s`` after a command, and is off its speed by ``speed_sigma`` of it, one sigma. None where it
+    was not found.
     """
 
     pan: AxisFindings
@@ -39,3 +40,4 @@ class HeadFindings:
     grade: HeadGrade
     report_age_s: float | None = None
     start_s: float | None = None
+    speed_sigma: float | None = None

@@ -30,8 +30,6 @@ def head_report(
         Table(
             "Axes", ("", *AXES), axes, "Scale and offset are against what the driver reported by the file as it was."
         ),
-        Drawing("Play", lambda figure: _play(figure, result), (8.0, 3.4), _PLAY),
-        Drawing("What is left of each stop", lambda figure: _left(figure, result), (8.0, 3.6), _LEFT),
         Drawing(
             "Stops",
             lambda figure: _stops(figure, result),
@@ -39,6 +37,11 @@ def head_report(
             "Where the optics looked; the colour is how many tags were seen.",
         ),
     ]
+    if result.grade != "open loop":
+        sections += [
+            Drawing("Play", lambda figure: _play(figure, result), (8.0, 3.4), _PLAY),
+            Drawing("What is left of each stop", lambda figure: _left(figure, result), (8.0, 3.6), _LEFT),
+        ]
     if any(timing is not None for timing in result.timings):
         sections.append(Drawing("Speeds", lambda figure: _speeds(figure, result), (7.0, 3.4), _SPEEDS))
         sections.append(Drawing("Turns", lambda figure: _turns(figure, result), (8.0, 3.6), _TURNS))

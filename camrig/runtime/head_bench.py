@@ -85,6 +85,14 @@ class _Flank:
         return reported_rad, 0.0
 
 
+def corners_of(frame: TagDetections, tags: Container[str]) -> dict[str, Array]:
+    """Return the corners of those of some tags that are there once."""
+    names = [str(tag.key) for tag in frame.tags]
+    return {
+        str(tag.key): tag.corners_px for tag in frame.tags if str(tag.key) in tags and names.count(str(tag.key)) == 1
+    }
+
+
 @dataclass
 class HeadBench:
     """One head; ``tags`` are the names of those that count. Used by one thread."""
@@ -203,13 +211,8 @@ class HeadBench:
         return [self._as_run(axis, steps[axis], told_s, ended_s, since_s) for axis in range(2) if steps[axis]]
 
     def corners(self, frame: TagDetections) -> dict[str, Array]:
-        """Return the corners of the tags that count and are there once."""
-        names = [str(tag.key) for tag in frame.tags]
-        return {
-            str(tag.key): tag.corners_px
-            for tag in frame.tags
-            if str(tag.key) in self.tags and names.count(str(tag.key)) == 1
-        }
+        """Return the corners of the tags that count."""
+        return corners_of(frame, self.tags)
 
     def _come_to_rest(self) -> None:
         last, still_s = self.reported_rad, self.clock.now_s()

@@ -94,6 +94,12 @@ def plain_head(config: RigConfig, head_id: str, found: HeadFindings | None = Non
     return head
 
 
+def reads_back(config: RigConfig, head_id: str) -> bool:
+    """Tell whether a head tells its angles."""
+    device = config.devices["heads"][head_id]
+    return device.driver.tuning is None or device.driver.tuning.reads_back(device.section)
+
+
 def run_calibration(bench: HeadBench, place: Place, tell: Tell, servo: Callable[[HeadFindings], Head]) -> HeadResult:
     """Open and enable the head, survey it, stop and close it, and return what it comes to.
 

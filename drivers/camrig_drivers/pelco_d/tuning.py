@@ -24,7 +24,7 @@ def plain(section: PelcoDSection) -> PelcoDSection:
 def changes(section: PelcoDSection, found: HeadFindings) -> Mapping[tuple[str, ...], object]:
     """Return the keys to write, rounded to what they are good for."""
     written: dict[tuple[str, ...], object] = {}
-    reads_back = section.grade is not Grade.OPEN_LOOP
+    reads_back = tells_its_angles(section)
     for name, axis, was in (("pan", found.pan, section.axes.pan), ("tilt", found.tilt, section.axes.tilt)):
         counting = _counting(axis, was) if reads_back else {}
         written |= {("axes", name, key): value for key, value in {**counting, **_speeds(axis, was)}.items()}
@@ -33,10 +33,17 @@ def changes(section: PelcoDSection, found: HeadFindings) -> Mapping[tuple[str, .
     if found.start_s is not None:
         where = ("start_s",) if reads_back else ("open_loop", "start_s")
         written[where] = round(max(0.0, found.start_s), 3)
+    if found.speed_sigma is not None and not reads_back:
+        written["open_loop", "speed_sigma"] = round(min(0.5, max(0.002, found.speed_sigma)), 4)
     grade = _GRADES[found.grade]
     if grade is not section.grade and grade is Grade.VELOCITY and found.pan.speeds_rad_s and found.tilt.speeds_rad_s:
         written["grade",] = grade.value
     return written
+
+
+def tells_its_angles(section: PelcoDSection) -> bool:
+    """Tell whether a head with this section is asked for its angles."""
+    return section.grade is not Grade.OPEN_LOOP
 
 
 def _counting(axis: AxisFindings, was: AxisSection) -> dict[str, object]:
@@ -69,4 +76,4 @@ def _below(speeds: Mapping[int, float], step: int) -> list[float]:
     return [speed for other, speed in speeds.items() if other < step]
 
 
-tuning = HeadTuning(plain=plain, changes=changes)
+tuning = HeadTuning(plain=plain, changes=changes, reads_back=tells_its_angles)
