@@ -135,28 +135,29 @@ def _until_seen(bench: BlindBench, view: BlindView, offered: Mapping[str, Sequen
 
 def _turns(bench: BlindBench, place: Place, view: BlindView, steps: tuple[int, int]) -> None:
     """Turn both axes to and fro at one step, as far as tags surely stay in view."""
+    bounds = _bounds(place, view)
     for _ in range(_TURNS_EACH):
         here = view.angles_rad(bench.look())
         if here is None:
             raise PartialError(f"head {bench.name} has lost the tags it began with; hang more of them, closer together")
-        here = here - np.array([0.0, view.tilt_rad])
-        rates, ways, signs = _expected(bench, view, steps), [], []
-        for axis in range(2):
-            half = min(
-                _MOST_RAD, _VIEW_SHARE * 2.0 * math.atan(0.5 * place.lens.size_px[axis] / place.lens.focal_px[axis])
-            )
-            low, high = -half, half
-            if axis == 1:
-                low, high = (
-                    max(low, place.limits_rad[1][0] - view.tilt_rad),
-                    min(high, place.limits_rad[1][1] - view.tilt_rad),
-                )
-            towards = 1.0 if here[axis] < 0.5 * (low + high) else -1.0
-            signs.append(int(towards * math.copysign(1.0, rates[axis])))
-            ways.append(max(0.0, high - here[axis] if towards > 0.0 else here[axis] - low) / abs(rates[axis]))
-        lasts_s = min(_LONGEST_S, *ways)
+        rates = _expected(bench, view, steps)
+        ways = [
+            high - at if at < 0.5 * (low + high) else low - at for at, (low, high) in zip(here, bounds, strict=True)
+        ]
+        lasts_s = min(_LONGEST_S, *(abs(way / rate) for way, rate in zip(ways, rates, strict=True)))
+        signs = [1 if way * rate > 0.0 else -1 for way, rate in zip(ways, rates, strict=True)]
         if lasts_s >= _SHORTEST_S:
             bench.run((signs[0] * steps[0], signs[1] * steps[1]), lasts_s)
+
+
+def _bounds(place: Place, view: BlindView) -> list[tuple[float, float]]:
+    """Return between which pans and tilts it may be turned: round where it began, within tilt's limits."""
+    pan, tilt = (
+        min(_MOST_RAD, 2.0 * _VIEW_SHARE * math.atan(0.5 * size / focal))
+        for size, focal in zip(place.lens.size_px, place.lens.focal_px, strict=True)
+    )
+    low, high = place.limits_rad[1]
+    return [(-pan, pan), (max(view.tilt_rad - tilt, low), min(view.tilt_rad + tilt, high))]
 
 
 def _expected(bench: BlindBench, view: BlindView, steps: tuple[int, int]) -> list[float]:

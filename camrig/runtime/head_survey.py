@@ -28,6 +28,8 @@ FIRST_TURN_RAD = math.radians(4.0)
 MARGIN_RAD = math.radians(1.0)
 FIRST_DOUBT = 0.04
 """By how much of itself a way may be longer than the first small turn makes it."""
+_FAR_RAD = math.radians(178.0)
+"""Reports wrap at half a turn; no head is sent across."""
 _WALK_SHARE = 0.45
 """Part of the picture's width that a step of the walk moves it."""
 _MOST_WALK_RAD = math.radians(20.0)
@@ -147,6 +149,7 @@ def _keep_within(bench: HeadBench, place: Place, found: Survey, model: HeadModel
         safe_range(limits, axis, float(at), MARGIN_RAD, doubt)
         for limits, axis, at in zip(place.limits_rad, model.axes, here, strict=True)
     )
+    pan, tilt = ((max(low, -_FAR_RAD), min(high, _FAR_RAD)) for low, high in (pan, tilt))
     for axis, at, (low, high) in zip(AXES, here, (pan, tilt), strict=True):
         if not low <= at <= high:
             raise PartialError(
@@ -219,32 +222,40 @@ def _speeds(bench: HeadBench, place: Place, found: Survey, tell: Tell) -> None:
     """Turn both axes at growing steps of speed, forth and back, each as long as there is room for it."""
     assert isinstance(bench.head, TurnsByStep)
     offered = bench.head.steps()
-    middle = np.mean(found.ranges_rad, axis=1)
-    known: dict[int, float] = {}
+    most_rad_s = place.speed_rad_s / min(abs(axis.factor) for axis in found.start.axes)
+    room_rad = min(high - low for low, high in found.ranges_rad)
     for number, share in enumerate(_STEP_SHARES):
         tell("speeds", 0.7 + 0.2 * number / len(_STEP_SHARES))
         steps = [offered[axis][max(0, round(share * len(offered[axis])) - 1)] for axis in AXES]
-        expected = _fastest(known, max(steps), place.speed_rad_s / min(abs(axis.factor) for axis in found.start.axes))
-        rooms = [high - low for low, high in found.ranges_rad]
-        lasts_s = min(_RUN_S, 0.8 * min(rooms) / expected) if expected else _FIRST_RUN_S
+        expected = _fastest(found.runs, max(steps), most_rad_s)
+        lasts_s = min(_RUN_S, 0.8 * room_rad / expected) if expected else _FIRST_RUN_S
         if lasts_s < _LEAST_RUN_S:
-            break
+            return
         for forth in (1, -1):
-            half = 0.5 * expected * lasts_s
-            at = [
-                float(np.clip(mid - forth * half, low, high))
-                for mid, (low, high) in zip(middle, found.ranges_rad, strict=True)
-            ]
-            bench.go(*at)
+            bench.go(*_begin_at(found, 0.5 * forth * expected * lasts_s))
             for run in bench.run((forth * steps[PAN], forth * steps[TILT]), lasts_s, found.ranges_rad):
                 found.runs[AXES[run.axis]].append(run)
-                turned = abs(float(run.reported_rad[-1] - run.reported_rad[0])) / max(run.ended_s - run.told_s, 0.1)
-                known[abs(run.step)] = max(known.get(abs(run.step), 0.0), turned)
 
 
-def _fastest(known: Mapping[int, float], step: int, most_rad_s: float) -> float:
+def _begin_at(found: Survey, half_rad: float) -> Array:
+    """Return where to begin a turn that is to pass the middle half way; the file may have the drive's sign wrong."""
+    at = []
+    for axis, (low, high) in zip(AXES, found.ranges_rad, strict=True):
+        along = sum(math.copysign(1.0, run.step) * _way_rad(run) for run in found.runs[axis])
+        at.append(float(np.clip(0.5 * (low + high) - math.copysign(half_rad, half_rad * along), low, high)))
+    return np.array(at)
+
+
+def _way_rad(run: Run) -> float:
+    return float(run.reported_rad[-1] - run.reported_rad[0])
+
+
+def _fastest(runs: Mapping[str, Sequence[Run]], step: int, most_rad_s: float) -> float:
     """Return how fast a step may turn at most, from slower ones; 0 while nothing is known."""
-    if not known:
+    rates = {
+        abs(run.step): abs(_way_rad(run)) / max(run.ended_s - run.told_s, 0.1) for own in runs.values() for run in own
+    }
+    if not rates:
         return 0.0
-    last = max(known)
-    return min(most_rad_s, max(known[last], math.radians(0.2)) * (step / last) ** _STEEPEST)
+    last = max(rates)
+    return min(most_rad_s, max(rates[last], math.radians(0.2)) * (step / last) ** _STEEPEST)
