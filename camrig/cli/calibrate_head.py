@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,8 +16,9 @@ from camrig.calibrate.head_model import AxisModel, HeadModel
 from camrig.calibrate.head_result import HeadResult
 from camrig.cli.calibrate_head_answer import as_json, page, print_result
 from camrig.cli.console import people, print_json, progress_bar
+from camrig.cli.lending import lent
 from camrig.cli.signals import asked_to_stop
-from camrig.clock import RealClock
+from camrig.clock import Clock, RealClock
 from camrig.config.amend import amend_rig
 from camrig.config.head_changes import head_changes
 from camrig.config.rig_file import RigConfig, load_rig
@@ -86,7 +87,8 @@ def head(
     """Find a head's axes, camera, counting, play, dead time and speeds by moving it for three minutes.
 
     It stays within the limits, begins with a small turn, and stops on Ctrl-C and on anything odd. The tags may hang
-    anywhere as long as they stand still; anchors in view place the head in the world too. No daemon may run that head.
+    anywhere as long as they stand still; anchors in view place the head in the world too. A daemon that runs the rig
+    lends the head and its camera, and works on with the others.
     """
     rig_config = load_rig(config)
     camera = _camera_of(rig_config, name)
@@ -95,21 +97,44 @@ def head(
     if rig_config.refine:
         with people.status("loading refinement; after an installation it is compiled once, for a quarter of a minute"):
             warm_up()
-    with emulated_world(rig_config) as (running, _), asked_to_stop() as asked:
+    with emulated_world(rig_config) as (running, world), ExitStack() as borrowed:
         clock = RealClock()
-        with camera_eye(running, camera.id, clock) as eye, _progress(hidden=json) as tell:
-            plain = plain_head(running, name)
-            try:
-                if reads_back(running, name):
-                    bench = HeadBench(name, plain, eye, clock, place.sizes_m, asked.is_set)
-                    result = run_calibration(bench, place, tell, partial(plain_head, running, name))
-                else:
-                    blind = BlindBench(name, plain, eye, clock, place.sizes_m, asked.is_set)
-                    result = run_blind_calibration(blind, place, tell)
-            except Interrupted:
-                people.print(f"{name} is stopped; nothing was written", highlight=False, markup=False)
-                raise typer.Exit(_INTERRUPTED) from None
+        keep = borrowed.enter_context(lent(rig_config.rig.name, name, clock)) if world is None else _nothing
+        result = _calibrated(running, name, camera, place, clock, keep, hidden=json)
     _hand_out(rig_config, config, name, camera, result, write=write, report=report, json=json)
+
+
+def _calibrated(
+    running: RigConfig,
+    name: str,
+    camera: CameraSpec,
+    place: Place,
+    clock: Clock,
+    keep: Callable[[], None],
+    *,
+    hidden: bool,
+) -> HeadResult:
+    """Run the calibration; Ctrl-C ends it, and ``keep`` is called all the while."""
+    with asked_to_stop() as asked, camera_eye(running, camera.id, clock) as eye, _progress(hidden=hidden) as tell:
+        plain = plain_head(running, name)
+
+        def asked_to_end() -> bool:
+            keep()
+            return asked.is_set()
+
+        try:
+            if reads_back(running, name):
+                bench = HeadBench(name, plain, eye, clock, place.sizes_m, asked_to_end)
+                return run_calibration(bench, place, tell, partial(plain_head, running, name))
+            blind = BlindBench(name, plain, eye, clock, place.sizes_m, asked_to_end)
+            return run_blind_calibration(blind, place, tell)
+        except Interrupted:
+            people.print(f"{name} is stopped; nothing was written", highlight=False, markup=False)
+            raise typer.Exit(_INTERRUPTED) from None
+
+
+def _nothing() -> None:
+    """Keep nothing: nobody lent it."""
 
 
 def _hand_out(

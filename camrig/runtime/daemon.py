@@ -217,6 +217,17 @@ class Daemon:
         """Operator's order: this head goes there and no plan moves it before ``resume``; any thread."""
         self.devices.heads[head].aim(aim)
 
+    def lend(self, head: str, for_s: float) -> Collection[str]:
+        """Operator's order: stop a head, and let go of it and its camera for so long; then it is held; any thread."""
+        carried = self.config.rig.camera_on(head)
+        devices = {head} | ({carried.id} if carried is not None else set())
+        if for_s > 0.0:
+            self._halt([self.devices.heads[head]])
+        for worker in self._workers:
+            if worker.job.name in devices:
+                worker.lend(self.clock.now_s() + for_s)
+        return devices
+
     def arm(self, drone: str) -> None:
         """Operator's order: check, arm and climb to the lowest height of the box; any thread."""
         self.devices.drones[drone].arm()

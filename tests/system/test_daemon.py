@@ -81,6 +81,21 @@ def test_holding_stops_the_heads_and_leaves_the_rest_at_work(daemon: Daemon) -> 
     assert not head(daemon, "pt2").enabled
 
 
+def test_a_head_and_its_camera_are_lent_while_the_others_work_on(daemon: Daemon) -> None:
+    until(lambda: has_moved(daemon, "pt1") and has_moved(daemon, "pt2"), 20.0)
+    assert daemon.lend("pt1", 30.0) == {"pt1", "north"}
+    links = daemon.control.link_states
+    until(lambda: links["pt1"] is links["north"] is LinkStatus.CLOSED)
+    assert head(daemon, "pt1").commands[-1][1] is None
+    frames = daemon.devices.cameras["south"].frames
+    until(lambda: daemon.devices.cameras["south"].frames > frames + 3)
+    assert links["pt2"] is links["south"] is LinkStatus.UP
+    daemon.lend("pt1", 0.0)
+    until(lambda: links["pt1"] is links["north"] is LinkStatus.UP)
+    assert daemon.devices.heads["pt1"].held
+    assert head(daemon, "pt1").commands[-1][1] is None
+
+
 def test_it_ends_by_itself_when_every_recording_has_ended(daemon: Daemon) -> None:
     main = supervising(daemon)
     _end(daemon, "north")
