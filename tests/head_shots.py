@@ -10,7 +10,7 @@ import numpy as np
 from camrig.calibrate.head_model import AxisModel, HeadModel, HeadShot
 from camrig.geometry.arrays import Transform
 from camrig.geometry.pose import perturb
-from tests.head_study import BASE, SIZE_M, T_WORLD_TAG, camera_in_mount
+from tests.head_stand import BASE, SIZE_M, T_WORLD_TAG, camera_in_mount
 from tests.simulated_room import LENS, tag_in_picture
 
 TAGS = {str(key): T for key, T in T_WORLD_TAG.items()}

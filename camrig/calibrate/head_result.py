@@ -117,7 +117,8 @@ class HeadResult:
     def working_m(self) -> float:
         """The median distance of the tags."""
         fit = self.calibration.fit
-        camera = fit.model.T_world_camera(0.0, -0.5)
+        angles_rad = fit.model.angles_rad(fit.views.reported_rad, fit.views.travel)
+        camera = fit.model.T_world_camera(*angles_rad.mean(axis=0))
         return float(np.median([np.linalg.norm((invert(camera) @ T)[:3, 3]) for T in fit.T_world_tag.values()]))
 
     @property

@@ -17,7 +17,7 @@ from camrig.config.rig_file import load_rig
 from camrig.report.calibration import report_html
 from camrig.rig import HeadMount
 from tests.head_shots import AIMS_DEG, ROUGH, TAGS, seen_from
-from tests.head_study import SIZE_M
+from tests.head_stand import SIZE_M
 from tests.simulated_room import LENS
 
 RIG = """\

@@ -11,7 +11,7 @@ from camrig.runtime.head_blind import BlindBench, run_blind_calibration
 from camrig_drivers.pelco_d.head import PelcoDHead
 from camrig_drivers.pelco_d.section import PelcoDSection
 from camrig_drivers.pelco_d.tuning import changes, plain
-from tests.head_study import PICTURES_LATE_S, START_S, StudyEye, emulated, study_place
+from tests.head_stand import PICTURES_LATE_S, START_S, StudyEye, emulated, study_place
 from tests.simulated_line import SPEED_DEG_S, SimulatedHeads, spec
 
 ROUGH = {"speeds": {1: 0.2, 63: 20.0}}

@@ -8,7 +8,8 @@ import pytest
 
 from camrig.errors import CamrigError, LinkLost, PartialError
 from camrig.runtime.head_bench import Interrupted
-from tests.head_study import PAN_LIMITS_DEG, TILT_LIMITS_DEG, emulated, numbers, pointing_errors_deg, study
+from tests.head_stand import PAN_LIMITS_DEG, TILT_LIMITS_DEG, emulated
+from tests.head_study import numbers, pointing_errors_deg, study
 
 
 def test_everything_is_found_and_the_driver_points_well_with_it() -> None:

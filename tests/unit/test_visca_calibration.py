@@ -12,7 +12,7 @@ from camrig_drivers.visca.head import ViscaHead
 from camrig_drivers.visca.line import Line
 from camrig_drivers.visca.section import ViscaSection
 from camrig_drivers.visca.tuning import tuning
-from tests.head_study import CAMERA_M, StudyEye, study_place
+from tests.head_stand import CAMERA_M, StudyEye, study_place
 from tests.visca_bench import AXES, SPEC, ViscaBench
 
 TRUE = {
