@@ -102,8 +102,8 @@ def print_result(head: str, result: HeadResult, changes: Mapping[KeyPath, object
     for row in axis_rows(result):
         table.add_row(*row)
     results.print(table)
-    for line in fact_lines(result):
-        results.print(line, highlight=False, markup=False)
+    for name, text in facts(result):
+        results.print(f"{name}: {text}", highlight=False, markup=False, soft_wrap=True)
     colour = {"green": "green", "amber": "yellow", "red": "red"}[result.verdict]
     results.print(f"{result.verdict}", style=colour)
     for _, reason in result.reasons():
@@ -151,44 +151,41 @@ def _speeds(axis: Mapping[str, object]) -> Mapping[str, float]:
     return speeds
 
 
-def fact_lines(result: HeadResult) -> Iterator[str]:
-    """Yield what was found of the head as a whole, a sentence each."""
-    if result.start_s is not None:
-        yield f"begins to move {1e3 * result.start_s[0]:.0f} ms after a command"
-    if result.speed_sigma is not None:
-        yield f"turns within {100.0 * result.speed_sigma:.1f} % of its speeds (one sigma)"
+def facts(result: HeadResult) -> Iterator[tuple[str, str]]:
+    """Yield what was found of the head as a whole: of what, and that."""
     if result.grade != "open loop":
-        yield from _pointing_lines(result)
+        yield from _pointing_facts(result)
+    if result.start_s is not None:
+        yield "dead time", f"{1e3 * result.start_s[0]:.0f} ms from a command to motion"
+    if result.speed_sigma is not None:
+        yield "speeds", f"each turn within {100.0 * result.speed_sigma:.1f} % of its own (one sigma)"
     fit = result.calibration.fit
-    yield (
-        f"{len(result.calibration.shots)} stops, {len(fit.views.shot)} tags in pictures, corners miss by "
-        f"{fit.rms_px:.2f} px (rms); {result.moving_s:.0f} s of motion"
-    )
+    yield "grade", result.grade
+    seen = f"{len(result.calibration.shots)} stops, {len(fit.views.shot)} tags in pictures"
+    yield "seen", f"{seen}; corners miss by {fit.rms_px:.2f} px (rms); {result.moving_s:.0f} s of motion"
 
 
-def _pointing_lines(result: HeadResult) -> Iterator[str]:
+def _pointing_facts(result: HeadResult) -> Iterator[tuple[str, str]]:
     model = result.calibration.fit.model
-    at_mm = 1e3 * result.pointing_rad * result.working_m
-    off_deg = math.degrees(result.pointing_rad)
-    yield f"points within {off_deg:.3f} deg (one sigma), {at_mm:.1f} mm at {result.working_m:.1f} m"
+    off_deg, at_mm = math.degrees(result.pointing_rad), 1e3 * result.pointing_rad * result.working_m
+    yield "pointing", f"within {off_deg:.3f} deg (one sigma), {at_mm:.1f} mm at {result.working_m:.1f} m"
     roll_deg = pose_keys(model.T_arm_tilt)["rpy_deg"][0]
     x_mm, y_mm, z_mm = 1e3 * np.array(model.T_mount_camera[:3, 3])
-    yield f"axes {1e3 * model.T_arm_tilt[0, 3]:.1f} mm apart, {roll_deg:.2f} deg off square"
-    yield f"camera {x_mm:.1f}, {y_mm:.1f}, {z_mm:.1f} mm from the tilt axis"
+    yield "axes", f"{1e3 * model.T_arm_tilt[0, 3]:.1f} mm apart, {roll_deg:.2f} deg off square"
+    yield "camera", f"{x_mm:.1f}, {y_mm:.1f}, {z_mm:.1f} mm from the tilt axis"
     if result.age_s is not None:
-        late = "after" if result.age_s[0] < 0.0 else "before"
-        yield f"reports are of {1e3 * abs(result.age_s[0]):.0f} ms {late} the pictures of the same stamp"
-    yield f"pictures stand {result.settle_s:.2f} s after it reports that it does; grade: {result.grade}"
+        when = "after" if result.age_s[0] < 0.0 else "before"
+        yield "reports", f"of {1e3 * abs(result.age_s[0]):.0f} ms {when} pictures of the same stamp"
+    yield "settling", f"pictures stand {result.settle_s:.2f} s after it reports that it does"
     if not result.calibration.anchored:
-        yield "no anchor was in view: where its base stands, and where pan is 0, stay as the file says"
+        yield "base", "no anchor was in view: where it stands, and where pan is 0, stay as the file says"
 
 
 def page(head: str, config: Path, result: HeadResult, changes: Mapping[KeyPath, object]) -> CalibrationReport:
     """Return the report."""
-    facts = dict(line.split(" ", 1) for line in fact_lines(result))
     made = f"{datetime.now().astimezone():%Y-%m-%d %H:%M}, camrig calibrate head {config} {head}"
     keys = {".".join(map(str, path)): _value(value) for path, value in changes.items()}
-    return head_report(head, result, facts, [*axis_rows(result)], keys, made)
+    return head_report(head, result, dict(facts(result)), [*axis_rows(result)], keys, made)
 
 
 def _value(value: object) -> str:

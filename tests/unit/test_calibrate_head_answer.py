@@ -9,7 +9,7 @@ import pytest
 
 from camrig.calibrate.head import HeadCalibration, calibrate_head
 from camrig.calibrate.head_result import HeadResult
-from camrig.cli.calibrate_head_answer import as_json, axis_rows, fact_lines, page, print_result
+from camrig.cli.calibrate_head_answer import as_json, axis_rows, facts, page, print_result
 from camrig.cli.console import finite
 from camrig.config.amend import amend_rig
 from camrig.config.head_changes import bias_deg, head_changes
@@ -89,5 +89,5 @@ def test_people_and_the_page_are_told_the_same(result: HeadResult, capsys: pytes
     for name, _, _ in axis_rows(result):
         assert name in said
     html = report_html(page("pt1", Path("rig.yaml"), result, {}))
-    assert all(line.split(" ", 1)[0] in html for line in fact_lines(result))
+    assert all(name in said and text in said and text in html for name, text in facts(result))
     assert "bias" not in html
