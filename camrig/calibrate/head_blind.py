@@ -112,8 +112,9 @@ def speed_sigma(found: Sequence[AxisTiming | None]) -> float | None:
         for k, run in enumerate(timing.runs):
             lasted_s = run.ended_s + timing.stop_s - run.told_s - timing.start_s
             expected = timing.speed_rad_s[run.step] * lasted_s
-            came = float(np.median(run.reported_rad[run.stamps_s > run.ended_s + _REST_S]) - timing.at_rest_rad[k])
-            if abs(expected) > _LONG_RAD:
+            rested_rad = run.reported_rad[run.stamps_s > run.ended_s + _REST_S]
+            if abs(expected) > _LONG_RAD and len(rested_rad):
+                came = float(np.median(rested_rad) - timing.at_rest_rad[k])
                 ratios.append(came / expected - 1.0)
     if len(ratios) < _LEAST_TURNS:
         return None
