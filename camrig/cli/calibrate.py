@@ -6,6 +6,7 @@ import typer
 
 from camrig.cli.calibrate_extrinsics import extrinsics
 from camrig.cli.calibrate_head import head
+from camrig.cli.calibrate_intrinsics import intrinsics
 
 calibrate = typer.Typer(help="Find out what a rig is really like.", no_args_is_help=True, rich_markup_mode="markdown")
 
@@ -15,5 +16,6 @@ def _no_calibration() -> None:
     """Do nothing: every calibration stands for itself."""
 
 
+calibrate.command()(intrinsics)
 calibrate.command()(extrinsics)
 calibrate.command()(head)
