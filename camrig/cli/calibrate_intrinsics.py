@@ -72,7 +72,7 @@ def intrinsics(
             "take them with this camera as the rig runs it"
         )
     found = _fitted(seen, kind, hidden=as_json_line)
-    if isinstance(seen.board, AprilGrid):
+    if isinstance(seen.board, AprilGrid) and (known is None or not seen.board.like_kalibrs):
         seen = through_lens(places, seen, found.unbounded, measure=known is None, hidden=as_json_line)
         if known is None:
             note(f"the gap between tags is measured: {board_word(seen.board)}; --board says it exactly")
