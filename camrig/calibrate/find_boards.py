@@ -1,0 +1,155 @@
+"""A board's points in a picture, to a fraction of a pixel.
+
+Chessboards are found by OpenCV's two finders, the fast one first; ChArUco boards by its ChArUco detector; AprilGrids
+by its ArUco detector, the only one that reads tags with a border of two bits (Kalibr's). Corners are refined as
+saddle points within a window that holds nothing of their neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from camrig.calibrate.boards import AprilGrid, Board, BoardView, Charuco, Chessboard, Ids
+from camrig.errors import InputError
+from camrig.geometry.arrays import Array, GreyImage
+
+LEAST_SIDE_PX = 32
+"""A smaller picture shows no board that could be measured."""
+
+APRILTAG_FROM_ARUCO = (1, 0, 3, 2)
+"""OpenCV begins an AprilTag's corners elsewhere: p0..p3 are these of its four."""
+
+_FAST = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+_THOROUGH = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
+_CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
+_LARGEST_WINDOW_PX = 11
+_WINDOW_SHARE = 0.3
+"""Half the window over the distance to the nearest neighbour: the corner and nothing of the next."""
+
+_FEWEST_CHARUCO = 4
+_FEWEST_TAGS = 2
+
+
+def find_board(image: GreyImage, board: Board) -> BoardView | None:
+    """Find a board in a (height, width) picture; None where it is not there, or too little of it.
+
+    Raises InputError for a picture with a side under ``LEAST_SIDE_PX``.
+    """
+    if min(image.shape) < LEAST_SIDE_PX:
+        height, width = image.shape
+        raise InputError(f"a picture of {width}x{height} px is too small for a board: {LEAST_SIDE_PX} px at least")
+    return _finder(board)(image)
+
+
+@lru_cache(maxsize=8)
+def _finder(board: Board) -> Callable[[GreyImage], BoardView | None]:
+    if isinstance(board, Chessboard):
+        return lambda image: _find_chessboard(image, board)
+    if isinstance(board, Charuco):
+        detector = cv2.aruco.CharucoDetector(board.opencv())
+        return lambda image: _find_charuco(image, board, detector)
+    markers = marker_detector(cv2.aruco.DICT_APRILTAG_36h11, board.border_bits)
+    return lambda image: _find_aprilgrid(image, board, markers)
+
+
+def marker_detector(dictionary: int, border_bits: int = 1) -> cv2.aruco.ArucoDetector:
+    """Return a detector that corrects no bit: one that is misread is no marker of the board."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.markerBorderBits = border_bits
+    parameters.errorCorrectionRate = 0.0
+    return cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionary), parameters)
+
+
+def find_markers(image: GreyImage, detector: cv2.aruco.ArucoDetector) -> tuple[Ids, Array]:
+    """Return (n,) ids and (n, 4, 2) corners as OpenCV orders them; an id that is there twice is left out."""
+    quads, ids, _ = detector.detectMarkers(image)
+    if ids is None or not len(ids):
+        return np.zeros(0, np.int64), np.zeros((0, 4, 2))
+    found = np.asarray(ids, np.int64).ravel()
+    corners = np.asarray(quads, np.float64).reshape(-1, 4, 2)
+    values, counts = np.unique(found, return_counts=True)
+    once = np.isin(found, values[counts == 1])
+    return found[once], corners[once]
+
+
+def _find_chessboard(image: GreyImage, board: Chessboard) -> BoardView | None:
+    size = (board.columns, board.rows)
+    found, corners = cv2.findChessboardCorners(image, size, flags=_FAST)
+    if not found and min(size) >= 3:
+        found, corners = cv2.findChessboardCornersSB(image, size, flags=_THOROUGH)
+    if not found or corners is None:
+        return None
+    corners_px = np.asarray(corners, np.float64).reshape(-1, 2)
+    refined = refine(image, corners_px, _spacing_px(corners_px.reshape(board.rows, board.columns, 2)))
+    return BoardView(np.arange(len(refined)), refined)
+
+
+def _find_charuco(image: GreyImage, board: Charuco, detector: cv2.aruco.CharucoDetector) -> BoardView | None:
+    """Look for the board from its front, then from behind: some are printed through, or on film."""
+    seen = 255 - image if board.inverted else image
+    return _charuco(seen, board, detector) or _mirrored(
+        _charuco(np.ascontiguousarray(seen[:, ::-1]), board, detector), image
+    )
+
+
+def _mirrored(view: BoardView | None, image: GreyImage) -> BoardView | None:
+    if view is None:
+        return None
+    return BoardView(view.ids, np.array([image.shape[1] - 1.0, 0.0]) + np.array([-1.0, 1.0]) * view.corners_px)
+
+
+def _charuco(seen: GreyImage, board: Charuco, detector: cv2.aruco.CharucoDetector) -> BoardView | None:
+    corners, ids, _, _ = detector.detectBoard(seen)
+    if ids is None or len(ids) < _FEWEST_CHARUCO:
+        return None
+    found = np.asarray(ids, np.int64).ravel()
+    corners_px = np.asarray(corners, np.float64).reshape(-1, 2)
+    grid = np.full((board.rows - 1, board.columns - 1, 2), np.nan)
+    grid.reshape(-1, 2)[found] = corners_px
+    return BoardView(found, refine(seen, corners_px, _spacing_px(grid).ravel()[found]))
+
+
+def _find_aprilgrid(image: GreyImage, board: AprilGrid, detector: cv2.aruco.ArucoDetector) -> BoardView | None:
+    ids, quads = find_markers(image, detector)
+    mine = (ids >= board.first_id) & (ids < board.first_id + board.columns * board.rows)
+    if mine.sum() < _FEWEST_TAGS:
+        return None
+    order = np.argsort(ids[mine])
+    tags, corners = ids[mine][order] - board.first_id, quads[mine][order][:, APRILTAG_FROM_ARUCO]
+    side_px = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).min(axis=1)
+    near_px = side_px * min(1.0, board.gap_m / board.tag_m)
+    refined = refine(image, corners.reshape(-1, 2), np.repeat(near_px, 4))
+    return BoardView((4 * tags[:, None] + np.arange(4)).ravel(), refined)
+
+
+def refine(image: GreyImage, corners_px: Array, near_px: Array) -> Array:
+    """Return (n, 2) corners as saddle points of the picture, each judged within ``_WINDOW_SHARE`` of ``near_px`` (n,)
+    or as many of its neighbours; where that runs away the corner stays as it was.
+    """
+    half = np.clip(_WINDOW_SHARE * near_px.ravel(), 2.0, _LARGEST_WINDOW_PX).astype(int)
+    refined = corners_px.copy()
+    for size in np.unique(half):
+        these = half == size
+        start = np.ascontiguousarray(corners_px[these], np.float32).reshape(-1, 1, 2)
+        window = (int(size), int(size))
+        refined[these] = cv2.cornerSubPix(image, start, window, (-1, -1), _CRITERIA).reshape(-1, 2)
+    away = np.linalg.norm(refined - corners_px, axis=-1) > half
+    refined[away] = corners_px[away]
+    return refined
+
+
+def _spacing_px(grid_px: Array) -> Array:
+    """Return (rows, columns): how far each point of a (rows, columns, 2) grid, NaN where not seen, is from its nearest
+    neighbour; of one without any, the median.
+    """
+    padded = np.full((grid_px.shape[0] + 2, grid_px.shape[1] + 2, 2), np.nan)
+    padded[1:-1, 1:-1] = grid_px
+    around = [padded[1:-1, :-2], padded[1:-1, 2:], padded[:-2, 1:-1], padded[2:, 1:-1]]
+    distance = np.stack([np.linalg.norm(grid_px - each, axis=-1) for each in around])
+    nearest = np.where(np.isnan(distance), np.inf, distance).min(axis=0)
+    alone = np.isinf(nearest)
+    return np.asarray(np.where(alone, np.median(nearest[~alone]) if not alone.all() else 10.0, nearest))
