@@ -1,0 +1,197 @@
+"""How far a calibrated lens may be trusted, and which form of lens the pictures speak for.
+
+Held out: pictures that had no part in the fit, their poses found through its lens. Uncertainty: by how many pixels a
+known direction may be off, one sigma, after the turn of the camera that hides most of it, since whatever calibrates
+the camera's pose would take that in (as mrcal's projection uncertainty does).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camrig.calibrate.lens_fit import LensFit, Points, fit_lens, fit_poses
+from camrig.calibrate.lens_forms import FX, FY, LensForm, pixel_slopes, sensor_slopes
+from camrig.errors import InputError
+from camrig.geometry.arrays import Array
+from camrig.geometry.lens.pinhole import one_to_one_radius
+
+FOLDS = 5
+GRID = (16, 12)
+"""Columns and rows of the map of uncertainty."""
+
+UNKNOWN_PX = 1000.0
+"""What the map says at most, and where the lens is not one-to-one."""
+
+_AS_GOOD = 1.005
+"""A lens of fewer numbers is as good where it is worse by no more than this share."""
+
+_AS_KNOWN = 3.0
+"""A lens whose map is worse than the best map by more than this factor follows its pictures and nothing else."""
+
+_FISHEYE_GAIN = 0.97
+"""A fisheye is taken where it leaves less than this share of what the best Brown-Conrady lens does."""
+
+_TRUSTED_PX = 1.0
+"""How uncertain a direction may be that still counts as calibrated."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A form with its fit to all pictures, the mean square (n,) of each when held out, and its map (rows, columns), all
+    in pixels.
+    """
+
+    fit: LensFit
+    heldout_px2: Array
+    map_px: Array
+
+    @property
+    def heldout_rms_px(self) -> float:
+        """Return the rms distance of the points of pictures that had no part in the lens."""
+        points = self.fit.points.there.sum(axis=1)
+        return float(np.sqrt((points * self.heldout_px2).sum() / points.sum()))
+
+    @property
+    def map_rms_px(self) -> float:
+        """Return the map's root mean square."""
+        return float(np.sqrt(np.mean(np.square(self.map_px))))
+
+
+def candidates(points: Points, forms: Sequence[LensForm], step: Callable[[], None] = lambda: None) -> list[Candidate]:
+    """Fit forms of one kind, each begun at the one before; those that do not settle are left out."""
+    found: list[Candidate] = []
+    for form in forms:
+        try:
+            fit = fit_lens(points, form, found[-1].fit if found else None)
+            found.append(Candidate(fit, heldout_px2(fit), uncertainty_px(fit)))
+        except InputError:
+            pass
+        step()
+    return found
+
+
+def best_of(found: Sequence[Candidate]) -> Candidate:
+    """Return the candidate that the pictures speak for: of those that know the whole picture about as well as any, the
+    one with the fewest numbers that is as good as the best at pictures held out. A fisheye has to be clearly better.
+
+    Raises InputError where there is none.
+    """
+    kinds = [[each for each in found if each.fit.form.fisheye == fisheye] for fisheye in (False, True)]
+    brown, fisheye = (_best_of_kind(kind) if kind else None for kind in kinds)
+    if brown is None and fisheye is None:
+        raise InputError("no lens fits these pictures: is it the right board, and are there several views of it?")
+    if brown is None or (fisheye and fisheye.heldout_rms_px < _FISHEYE_GAIN * brown.heldout_rms_px):
+        assert fisheye is not None
+        return fisheye
+    return brown
+
+
+def _best_of_kind(found: Sequence[Candidate]) -> Candidate:
+    least = min(each.map_rms_px for each in found)
+    known = [each for each in found if each.map_rms_px <= _AS_KNOWN * least]
+    best = min(each.heldout_rms_px for each in known)
+    enough = [each for each in known if each.heldout_rms_px <= _AS_GOOD * best]
+    return min(enough, key=lambda each: each.fit.form.basis.shape[1])
+
+
+def heldout_px2(fit: LensFit) -> Array:
+    """Return (n,) each picture's mean square distance in pixels when it had no part in the lens, in turn a fifth."""
+    count = len(fit.T_camera_board)
+    fold = np.arange(count) % min(FOLDS, count)
+    found = np.zeros(count)
+    for each in range(min(FOLDS, count)):
+        rest = fold != each
+        start = LensFit(
+            fit.form,
+            fit.numbers,
+            fit.T_camera_board[rest],
+            fit.residual_px[rest],
+            fit.noise_px,
+            fit.covariance,
+            fit.points.of(rest),
+        )
+        lens = fit_lens(start.points, fit.form, start)
+        held = fit_poses(fit.points.of(~rest), fit.form, lens.numbers, fit.T_camera_board[~rest])
+        found[~rest] = np.square(held.rms_by_picture_px)
+    return found
+
+
+def uncertainty_px(fit: LensFit) -> Array:
+    """Return (rows, columns) one sigma of where directions appear, over the picture; ``UNKNOWN_PX`` at most."""
+    pixels = picture_grid(fit.points.size_px)
+    ideal = fit.form.lens(fit.numbers, fit.points.size_px).unproject(pixels)
+    known = np.isfinite(ideal).all(axis=-1)
+    sigma_px = np.full(pixels.shape[:-1], UNKNOWN_PX)
+    sigma_px[known] = _sigma(_unhidden(fit, ideal[known])[0], fit.covariance)
+    return np.asarray(np.minimum(sigma_px, UNKNOWN_PX))
+
+
+def sideways_mm(fit: LensFit, distance_m: float) -> Array:
+    """Return (rows, columns) by how many millimetres, one sigma, a point so far ahead is misplaced sideways; NaN where
+    the lens is not one-to-one.
+    """
+    ideal = fit.form.lens(fit.numbers, fit.points.size_px).unproject(picture_grid(fit.points.size_px))
+    known = np.isfinite(ideal).all(axis=-1)
+    slopes, _ = _unhidden(fit, ideal[known])
+    across = np.asarray(np.linalg.solve(_pixel_by_ideal(fit, ideal[known]), slopes))
+    found = np.full(known.shape, np.nan)
+    found[known] = 1000.0 * distance_m * _sigma(across, fit.covariance)
+    return found
+
+
+def calibrated_radius(fit: LensFit) -> float:
+    """Return ``r_max``: how far off the axis the lens is known, to a pixel or because points were seen there; within
+    the picture, and where it is one-to-one.
+    """
+    size_px = fit.points.size_px
+    lens = fit.form.lens(fit.numbers, size_px)
+    camera_m = np.einsum("nij,nmj->nmi", fit.T_camera_board[:, :3, :3], fit.points.board_m)
+    camera_m += fit.T_camera_board[:, None, :3, 3]
+    seen = np.hypot(*(camera_m[fit.points.there][:, :2] / camera_m[fit.points.there][:, 2:]).T).max()
+    grid = lens.unproject(picture_grid(size_px)).reshape(-1, 2)
+    corner = float(np.nanmax(np.hypot(grid[:, 0], grid[:, 1])))
+    radii = np.linspace(0.0, min(1.02 * corner, lens.r_max), 60)[1:]
+    angles = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    rings = radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    _, turn = _unhidden(fit, grid[np.isfinite(grid).all(axis=-1)])
+    slopes = pixel_slopes(fit.form, fit.numbers, rings) - _turned(fit, rings) @ turn
+    loose = np.flatnonzero(_sigma(slopes, fit.covariance).max(axis=1) > _TRUSTED_PX)
+    trusted = radii[loose[0] - 1] if loose.size and loose[0] else (0.0 if loose.size else radii[-1])
+    radius = min(max(float(seen), float(trusted)), lens.r_max)
+    return one_to_one_radius(lens, radius)
+
+
+def picture_grid(size_px: tuple[int, int]) -> Array:
+    """Return (rows, columns, 2) pixels spread over a picture, its edges included."""
+    x, y = (np.linspace(0.0, side - 1.0, count) for side, count in zip(size_px, GRID, strict=True))
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _unhidden(fit: LensFit, ideal: Array) -> tuple[Array, Array]:
+    """Return (n, 2, size) slopes of the pixels of (n, 2) directions by the lens's numbers less what a turn of the
+    camera hides, and that turn, (3, size).
+    """
+    slopes, turned = pixel_slopes(fit.form, fit.numbers, ideal), _turned(fit, ideal)
+    turn = np.asarray(np.linalg.lstsq(turned.reshape(-1, 3), slopes.reshape(-1, fit.form.size), rcond=None)[0])
+    return slopes - turned @ turn, turn
+
+
+def _turned(fit: LensFit, ideal: Array) -> Array:
+    """Return (..., 2, 3): how pixels move with a small turn of the directions about x, y, z."""
+    a, b = ideal[..., 0], ideal[..., 1]
+    d_ideal = np.empty((*ideal.shape, 3))
+    d_ideal[..., 0, 0], d_ideal[..., 0, 1], d_ideal[..., 0, 2] = -a * b, 1.0 + a * a, -b
+    d_ideal[..., 1, 0], d_ideal[..., 1, 1], d_ideal[..., 1, 2] = -1.0 - b * b, a * b, a
+    return np.asarray(_pixel_by_ideal(fit, ideal) @ d_ideal)
+
+
+def _pixel_by_ideal(fit: LensFit, ideal: Array) -> Array:
+    return np.asarray(fit.numbers[[FX, FY], None] * sensor_slopes(fit.form, fit.numbers, ideal))
+
+
+def _sigma(slopes: Array, covariance: Array) -> Array:
+    """Return (...,) the root of the summed variances of both axes."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("...ij,jk,...ik->...", slopes, covariance, slopes), 0.0)))
