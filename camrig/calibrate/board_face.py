@@ -15,9 +15,9 @@ Rectangle = tuple[float, float, float, float]
 """``x0, y0, x1, y1`` in metres, x0 < x1 and y0 < y1."""
 
 
-def black(board: Board, *, corner_squares: bool = True) -> Array:
-    """Return the (n, 4) black rectangles of a board. An AprilGrid has Kalibr's small squares at the corners of its tags
-    unless they are not wanted: they make each corner a saddle point, which is found more precisely.
+def black(board: Board) -> Array:
+    """Return the (n, 4) black rectangles of a board. Only grids like Kalibr's have small squares at the corners of
+    their tags: most detectors lose tags that touch anything.
     """
     if isinstance(board, Chessboard):
         s = board.square_m
@@ -25,7 +25,7 @@ def black(board: Board, *, corner_squares: bool = True) -> Array:
         return np.array([(x * s, y * s, (x + 1) * s, (y + 1) * s) for x, y in squares])
     if isinstance(board, Charuco):
         return _inside_out(board) if board.inverted else np.array(list(_charuco(board)))
-    return np.array([*_tags(board), *(_corner_squares(board) if corner_squares else ())])
+    return np.array([*_tags(board), *(_corner_squares(board) if board.like_kalibrs else ())])
 
 
 def extent(board: Board) -> Rectangle:

@@ -70,7 +70,11 @@ class Charuco:
 
 @dataclass(frozen=True)
 class AprilGrid:
-    """Tags tag36h11 in rows from the bottom left, ``gap_m`` apart, four points each in AprilTag's order p0..p3."""
+    """Tags tag36h11 in rows from the bottom left, ``gap_m`` apart, four points each in AprilTag's order p0..p3.
+
+    Grids as Kalibr prints them have a border of two bits and small squares that touch the corners of the tags; others
+    a border of one and nothing between, so that every detector reads them.
+    """
 
     columns: int
     rows: int
@@ -78,6 +82,11 @@ class AprilGrid:
     gap_m: float = 0.3
     border_bits: int = 1
     first_id: int = 0
+
+    @property
+    def like_kalibrs(self) -> bool:
+        """Tell whether it is of Kalibr's kind."""
+        return self.border_bits == 2
 
     @cached_property
     def points_m(self) -> Array:
@@ -121,13 +130,13 @@ def board_word(board: Board) -> str:
     if isinstance(board, Charuco):
         how = ":legacy" * board.legacy + ":inverted" * board.inverted
         return f"charuco:{grid}:{_mm(board.square_m)}:{_mm(board.marker_m)}:{board.dictionary}{how}"
-    how = f":border{board.border_bits}" + (f":first{board.first_id}" if board.first_id else "")
+    how = ":kalibr" * board.like_kalibrs + (f":first{board.first_id}" if board.first_id else "")
     return f"aprilgrid:{grid}:{_mm(board.tag_m)}:{_mm(board.gap_m)}{how}"
 
 
 def parse_board(word: str) -> Board:
     """Read a board: ``chessboard:7x5:30`` (inner corners, mm), ``charuco:8x6:30:22:4x4_1000`` (squares, markers),
-    ``aprilgrid:6x6:55:16.5`` (tags, gaps); ``:legacy``, ``:inverted``, ``:border2`` and ``:first100`` may follow.
+    ``aprilgrid:6x6:55:16.5`` (tags, gaps); ``:legacy``, ``:inverted``, ``:kalibr`` and ``:first100`` may follow.
 
     Raises InputError with what is wrong and what is allowed.
     """
@@ -157,10 +166,8 @@ def _board(kind: str, columns: int, rows: int, sizes_m: list[float], marks: set[
         return Charuco(columns, rows, square_m, marker_m, _whole(dictionary), "legacy" in marks, "inverted" in marks)
     if kind == "aprilgrid":
         tag_m, gap_m = sizes_m
-        border = {"border1": 1, "border2": 2}
-        (bits,) = {border[mark] for mark in marks if mark in border} or {1}
-        (first,) = {int(mark.removeprefix("first")) for mark in marks - border.keys()} or {0}
-        return AprilGrid(columns, rows, tag_m, gap_m, bits, first)
+        (first,) = {int(mark.removeprefix("first")) for mark in marks - {"kalibr"}} or {0}
+        return AprilGrid(columns, rows, tag_m, gap_m, 2 if "kalibr" in marks else 1, first)
     raise ValueError(kind)
 
 

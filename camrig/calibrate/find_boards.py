@@ -1,8 +1,9 @@
 """A board's points in a picture, to a fraction of a pixel.
 
 Chessboards are found by OpenCV's two finders, the fast one first; ChArUco boards by its ChArUco detector; AprilGrids
-by its ArUco detector, the only one that reads tags with a border of two bits (Kalibr's). Corners are refined as
-saddle points within a window that holds nothing of their neighbours.
+by the detector of tags, and those of Kalibr's kind by OpenCV's ArUco detector, the only one that reads a border of two
+bits. Where black meets black at a corner it is refined as a saddle point of the picture, within a window that holds
+nothing of its neighbours; corners of plain tags are where the detector's lines meet.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from camrig.calibrate.boards import AprilGrid, Board, BoardView, Charuco, Chessboard, Ids
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array, GreyImage
+from camrig.interfaces import TagDetector
 
 LEAST_SIDE_PX = 32
 """A smaller picture shows no board that could be measured."""
@@ -34,14 +36,17 @@ _FEWEST_CHARUCO = 4
 _FEWEST_TAGS = 2
 
 
-def find_board(image: GreyImage, board: Board) -> BoardView | None:
-    """Find a board in a (height, width) picture; None where it is not there, or too little of it.
+def find_board(image: GreyImage, board: Board, tags: TagDetector | None = None) -> BoardView | None:
+    """Find a board in a (height, width) picture; None where it is not there, or too little of it. ``tags`` finds those
+    of AprilGrids; without it they are found by OpenCV, fewer and less precisely.
 
     Raises InputError for a picture with a side under ``LEAST_SIDE_PX``.
     """
     if min(image.shape) < LEAST_SIDE_PX:
         height, width = image.shape
         raise InputError(f"a picture of {width}x{height} px is too small for a board: {LEAST_SIDE_PX} px at least")
+    if tags is not None and isinstance(board, AprilGrid) and not board.like_kalibrs:
+        return _plain_tags(board, *_detected(image, tags))
     return _finder(board)(image)
 
 
@@ -53,14 +58,17 @@ def _finder(board: Board) -> Callable[[GreyImage], BoardView | None]:
         detector = cv2.aruco.CharucoDetector(board.opencv())
         return lambda image: _find_charuco(image, board, detector)
     markers = marker_detector(cv2.aruco.DICT_APRILTAG_36h11, board.border_bits)
-    return lambda image: _find_aprilgrid(image, board, markers)
+    if board.like_kalibrs:
+        return lambda image: _find_kalibrs(image, board, markers)
+    return lambda image: _plain_tags(board, *_in_order(*find_markers(image, markers)))
 
 
 def marker_detector(dictionary: int, border_bits: int = 1) -> cv2.aruco.ArucoDetector:
-    """Return a detector that corrects no bit: one that is misread is no marker of the board."""
+    """Return a detector; it corrects bits of AprilTags alone: misread, others are markers of the same dictionary."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.markerBorderBits = border_bits
-    parameters.errorCorrectionRate = 0.0
+    if dictionary != cv2.aruco.DICT_APRILTAG_36h11:
+        parameters.errorCorrectionRate = 0.0
     return cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionary), parameters)
 
 
@@ -113,17 +121,35 @@ def _charuco(seen: GreyImage, board: Charuco, detector: cv2.aruco.CharucoDetecto
     return BoardView(found, refine(seen, corners_px, _spacing_px(grid).ravel()[found]))
 
 
-def _find_aprilgrid(image: GreyImage, board: AprilGrid, detector: cv2.aruco.ArucoDetector) -> BoardView | None:
-    ids, quads = find_markers(image, detector)
+def _find_kalibrs(image: GreyImage, board: AprilGrid, detector: cv2.aruco.ArucoDetector) -> BoardView | None:
+    view = _plain_tags(board, *_in_order(*find_markers(image, detector)))
+    if view is None:
+        return None
+    corners = view.corners_px.reshape(-1, 4, 2)
+    side_px = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).min(axis=1)
+    near_px = side_px * min(1.0, board.gap_m / board.tag_m)
+    return BoardView(view.ids, refine(image, view.corners_px, np.repeat(near_px, 4)))
+
+
+def _detected(image: GreyImage, tags: TagDetector) -> tuple[Ids, Array]:
+    """Return the ids and (n, 4, 2) corners of tags that were read without an error."""
+    found = [tag for tag in tags.detect(image) if tag.key.family == "tag36h11" and tag.hamming == 0]
+    corners = np.array([tag.corners_px for tag in found]).reshape(-1, 4, 2)
+    return np.array([tag.key.id for tag in found], np.int64), corners
+
+
+def _in_order(ids: Ids, corners: Array) -> tuple[Ids, Array]:
+    """Return tags with their corners in AprilTag's order."""
+    return ids, corners[:, APRILTAG_FROM_ARUCO]
+
+
+def _plain_tags(board: AprilGrid, ids: Ids, corners: Array) -> BoardView | None:
     mine = (ids >= board.first_id) & (ids < board.first_id + board.columns * board.rows)
     if mine.sum() < _FEWEST_TAGS:
         return None
     order = np.argsort(ids[mine])
-    tags, corners = ids[mine][order] - board.first_id, quads[mine][order][:, APRILTAG_FROM_ARUCO]
-    side_px = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).min(axis=1)
-    near_px = side_px * min(1.0, board.gap_m / board.tag_m)
-    refined = refine(image, corners.reshape(-1, 2), np.repeat(near_px, 4))
-    return BoardView((4 * tags[:, None] + np.arange(4)).ravel(), refined)
+    tags = ids[mine][order] - board.first_id
+    return BoardView((4 * tags[:, None] + np.arange(4)).ravel(), corners[mine][order].reshape(-1, 2))
 
 
 def refine(image: GreyImage, corners_px: Array, near_px: Array) -> Array:

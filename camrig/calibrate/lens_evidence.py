@@ -16,6 +16,7 @@ from camrig.calibrate.lens_fit import LensFit, Points, fit_lens, fit_poses
 from camrig.calibrate.lens_forms import FX, FY, LensForm, pixel_slopes, sensor_slopes
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array
+from camrig.geometry.lens import Lens
 from camrig.geometry.lens.pinhole import one_to_one_radius
 
 FOLDS = 5
@@ -162,6 +163,25 @@ def calibrated_radius(fit: LensFit) -> float:
     trusted = radii[loose[0] - 1] if loose.size and loose[0] else (0.0 if loose.size else radii[-1])
     radius = min(max(float(seen), float(trusted)), lens.r_max)
     return one_to_one_radius(lens, radius)
+
+
+def difference_px(lens: Lens, other: Lens) -> dict[str, float] | None:
+    """Return by how many pixels two lenses disagree on directions over the picture, after the turn that hides most of
+    it: ``median`` and ``worst``; None where they are of different sizes or share no part of it.
+    """
+    if lens.size_px != other.size_px:
+        return None
+    ideal = [each.unproject(picture_grid(lens.size_px)).reshape(-1, 2) for each in (lens, other)]
+    both = np.isfinite(ideal[0]).all(axis=-1) & np.isfinite(ideal[1]).all(axis=-1)
+    if both.sum() < 4:
+        return None
+    a, b = (np.concatenate([each[both], np.ones((both.sum(), 1))], axis=-1) for each in ideal)
+    a, b = (each / np.linalg.norm(each, axis=-1, keepdims=True) for each in (a, b))
+    U, _, Vt = np.linalg.svd(b.T @ a)
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    angle = np.arccos(np.clip((a @ R.T * b).sum(axis=-1), -1.0, 1.0))
+    apart = angle * lens.focal_px[0]
+    return {"median": float(np.median(apart)), "worst": float(apart.max())}
 
 
 def picture_grid(size_px: tuple[int, int]) -> Array:

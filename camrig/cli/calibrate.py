@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from camrig.cli.calibrate_extrinsics import extrinsics
+from camrig.cli.calibrate_intrinsics import intrinsics
 
 calibrate = typer.Typer(help="Find out what a rig is really like.", no_args_is_help=True, rich_markup_mode="markdown")
 
@@ -14,4 +15,5 @@ def _no_calibration() -> None:
     """Do nothing: every calibration stands for itself."""
 
 
+calibrate.command()(intrinsics)
 calibrate.command()(extrinsics)

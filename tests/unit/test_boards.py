@@ -26,8 +26,8 @@ WORDS = (
     "charuco:8x6:30:22:4x4_1000:legacy",
     "charuco:4x5:54:40.5:4x4_1000:inverted",
     "charuco:5x7:30:22:apriltag_36h11",
-    "aprilgrid:5x4:40:12:border1",
-    "aprilgrid:5x4:40:12:border2",
+    "aprilgrid:5x4:40:12",
+    "aprilgrid:5x4:40:12:kalibr",
 )
 
 
@@ -54,7 +54,8 @@ def test_a_board_is_recognised_and_every_point_found(word: str) -> None:
     if isinstance(board, AprilGrid):
         assert isinstance(known, AprilGrid)
         assert (known.border_bits, known.first_id) == (board.border_bits, board.first_id)
-    view = find_board(image, known)
+    plugin = load_plugin("detectors", "pyapriltags")
+    view = find_board(image, known, plugin.make(plugin.section()))
     assert view is not None
     assert view.ids.tolist() == list(range(len(board.points_m)))
     np.testing.assert_allclose(view.corners_px, where_px, atol=0.25)
