@@ -1,4 +1,4 @@
-"""Pictures of a calibration board as a camera with a known lens takes them, for tests and for the figures of the docs."""
+"""Pictures of a calibration board as a camera with a known lens takes them, for tests and figures of the docs."""
 
 from __future__ import annotations
 

@@ -127,10 +127,13 @@ def calibrate_lens(
     if len(kept) < FEWEST_SHOTS:
         raise InputError(_too_few(len(kept), rejected))
     points = _points(kept, board, size_px)
+    _refuse_one_way(_judged(points, kind).T_camera_board[:, :3, 2])
     tried = [each for ladder in _ladders(kind) for each in candidates(points, ladder, step)]
     chosen = best_of(tried)
-    measured = gauges([shot.view for shot in kept], board, size_px)
-    _refuse_undetermined(chosen.fit, measured)
+    _refuse_undetermined(chosen.fit)
+    normals = chosen.fit.T_camera_board[:, :3, 2]
+    leans = -np.sign(normals[:, 2:]) * normals[:, :2]
+    measured = gauges([shot.view for shot in kept], board, size_px, leans)
     lens = _with_radius(chosen.fit)
     mm = sideways_mm(chosen.fit, DISTANCE_M)
     found = Intrinsics(
@@ -171,7 +174,7 @@ def _without_outliers(
     """Set pictures aside whose points miss by far more than those of most; a lens of middling freedom judges."""
     rejected: dict[str, str] = {}
     for _ in range(_ROUNDS):
-        rms = _judged(_points(kept, board, size_px), kind)
+        rms = _judged(_points(kept, board, size_px), kind).rms_by_picture_px
         usual = float(np.median(rms))
         bad = rms > max(_OUTLIER * usual, _OUTLIER_PX)
         if not bad.any() or len(kept) - int(bad.sum()) < FEWEST_SHOTS:
@@ -183,8 +186,8 @@ def _without_outliers(
     return kept, rejected
 
 
-def _judged(points: Points, kind: Kind) -> Array:
-    """Return the rms (n,) of each picture under whichever lens of a few coefficients fits best."""
+def _judged(points: Points, kind: Kind) -> LensFit:
+    """Return whichever lens of a few coefficients fits best."""
     forms = [ladder[-4 if ladder is LADDER else -2] for ladder in _ladders(kind)]
     fits = []
     for form in forms:
@@ -194,7 +197,7 @@ def _judged(points: Points, kind: Kind) -> Array:
             continue
     if not fits:
         raise InputError("no lens fits these pictures: is it the right board, and are there several views of it?")
-    return min(fits, key=lambda fit: fit.noise_px).rms_by_picture_px
+    return min(fits, key=lambda fit: fit.noise_px)
 
 
 def _points(kept: Sequence[Shot], board: Board, size_px: tuple[int, int]) -> Points:
@@ -206,13 +209,17 @@ def _too_few(count: int, rejected: dict[str, str]) -> str:
     return f"{count} different pictures of the board are too few: take {_FEW_SHOTS} or more, tilted to all sides{why}"
 
 
-def _refuse_undetermined(fit: LensFit, measured: Gauges) -> None:
-    share = math.sqrt(max(fit.covariance[FX, FX], 0.0)) / fit.numbers[FX]
-    if measured.tilt_rad < _FLAT_RAD:
+def _refuse_one_way(normals: Array) -> None:
+    turned_rad = math.acos(min(max(float((normals @ normals.T).min()), -1.0), 1.0))
+    if turned_rad < _FLAT_RAD:
         raise InputError(
-            f"the board faces the camera in all pictures (tilt {math.degrees(measured.tilt_rad):.0f} deg at most), "
+            f"the board faces the same way in all pictures (within {math.degrees(turned_rad):.0f} deg), "
             "which tells nothing of the focal length: tilt it by 20 to 45 deg to all sides"
         )
+
+
+def _refuse_undetermined(fit: LensFit) -> None:
+    share = math.sqrt(max(fit.covariance[FX, FX], 0.0)) / fit.numbers[FX]
     if share > _USELESS:
         raise InputError(
             f"the focal length is known to {100.0 * share:.0f} % only: take more pictures, the board nearer, tilted by "

@@ -8,9 +8,10 @@ the camera's pose would take that in (as mrcal's projection uncertainty does).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from camrig.calibrate.lens_fit import LensFit, Points, fit_lens, fit_poses
 from camrig.calibrate.lens_forms import FX, FY, LensForm, pixel_slopes, sensor_slopes
@@ -20,17 +21,23 @@ from camrig.geometry.lens import Lens
 from camrig.geometry.lens.pinhole import one_to_one_radius
 
 FOLDS = 5
+_FOLD_STEPS = 15
+"""Steps from one form to the next, held-out pictures left out."""
+
 GRID = (16, 12)
 """Columns and rows of the map of uncertainty."""
 
 UNKNOWN_PX = 1000.0
 """What the map says at most, and where the lens is not one-to-one."""
 
-_AS_GOOD = 1.005
-"""A lens of fewer numbers is as good where it is worse by no more than this share."""
+_PRICE = 0.002
+"""By what share each number of a lens must lower the rms of pictures held out, to be worth having."""
 
 _AS_KNOWN = 3.0
 """A lens whose map is worse than the best map by more than this factor follows its pictures and nothing else."""
+
+_PLAIN, _FIRM = 8, 0.005
+"""A lens of more numbers is for pictures that tell its focal length this well."""
 
 _FISHEYE_GAIN = 0.97
 """A fisheye is taken where it leaves less than this share of what the best Brown-Conrady lens does."""
@@ -56,27 +63,66 @@ class Candidate:
         return float(np.sqrt((points * self.heldout_px2).sum() / points.sum()))
 
     @property
+    def is_plain(self) -> bool:
+        """Tell whether it has no more numbers than most lenses need."""
+        return self.fit.form.basis.shape[1] <= _PLAIN
+
+    @property
+    def is_firm(self) -> bool:
+        """Tell whether its focal length is known well."""
+        return bool(self.fit.covariance[FX, FX] < (_FIRM * self.fit.numbers[FX]) ** 2)
+
+    @property
     def map_rms_px(self) -> float:
         """Return the map's root mean square."""
         return float(np.sqrt(np.mean(np.square(self.map_px))))
 
 
 def candidates(points: Points, forms: Sequence[LensForm], step: Callable[[], None] = lambda: None) -> list[Candidate]:
-    """Fit forms of one kind, each begun at the one before; those that do not settle are left out."""
+    """Fit forms of one kind, each begun at the one before; those that do not settle are left out.
+
+    What is held out climbs the ladder by itself, so that it owes nothing to the pictures it is judged by.
+    """
+    count = len(points.there)
+    fold = np.arange(count) % min(FOLDS, count)
+    fits: list[LensFit] = []
+    rests: list[LensFit] = []
     found: list[Candidate] = []
     for form in forms:
         try:
-            fit = fit_lens(points, form, found[-1].fit if found else None)
-            found.append(Candidate(fit, heldout_px2(fit), uncertainty_px(fit)))
+            fit = fit_lens(points, form, fits[-1] if fits else None)
+            starts = rests or [_those_of(fit, fold != each) for each in range(min(FOLDS, count))]
+            rests = [fit_lens(start.points, form, start, _FOLD_STEPS) for start in starts]
+            fits.append(fit)
+            found.append(Candidate(fit, _heldout_px2(fit, fold, rests), uncertainty_px(fit)))
         except InputError:
             pass
         step()
     return found
 
 
+def _those_of(fit: LensFit, pictures: npt.NDArray[np.bool_]) -> LensFit:
+    return replace(
+        fit,
+        T_camera_board=fit.T_camera_board[pictures],
+        residual_px=fit.residual_px[pictures],
+        points=fit.points.of(pictures),
+    )
+
+
+def _heldout_px2(fit: LensFit, fold: npt.NDArray[np.int64], rests: Sequence[LensFit]) -> Array:
+    """Return (n,) each picture's mean square distance in pixels through the lens of those of the other folds."""
+    found = np.zeros(len(fold))
+    for each, rest in enumerate(rests):
+        held = fold == each
+        poses = fit_poses(fit.points.of(held), fit.form, rest.numbers, fit.T_camera_board[held])
+        found[held] = np.square(poses.rms_by_picture_px)
+    return found
+
+
 def best_of(found: Sequence[Candidate]) -> Candidate:
     """Return the candidate that the pictures speak for: of those that know the whole picture about as well as any, the
-    one with the fewest numbers that is as good as the best at pictures held out. A fisheye has to be clearly better.
+    best at pictures held out, where each number has its price. A fisheye has to be clearly better.
 
     Raises InputError where there is none.
     """
@@ -91,33 +137,9 @@ def best_of(found: Sequence[Candidate]) -> Candidate:
 
 
 def _best_of_kind(found: Sequence[Candidate]) -> Candidate:
-    least = min(each.map_rms_px for each in found)
-    known = [each for each in found if each.map_rms_px <= _AS_KNOWN * least]
-    best = min(each.heldout_rms_px for each in known)
-    enough = [each for each in known if each.heldout_rms_px <= _AS_GOOD * best]
-    return min(enough, key=lambda each: each.fit.form.basis.shape[1])
-
-
-def heldout_px2(fit: LensFit) -> Array:
-    """Return (n,) each picture's mean square distance in pixels when it had no part in the lens, in turn a fifth."""
-    count = len(fit.T_camera_board)
-    fold = np.arange(count) % min(FOLDS, count)
-    found = np.zeros(count)
-    for each in range(min(FOLDS, count)):
-        rest = fold != each
-        start = LensFit(
-            fit.form,
-            fit.numbers,
-            fit.T_camera_board[rest],
-            fit.residual_px[rest],
-            fit.noise_px,
-            fit.covariance,
-            fit.points.of(rest),
-        )
-        lens = fit_lens(start.points, fit.form, start)
-        held = fit_poses(fit.points.of(~rest), fit.form, lens.numbers, fit.T_camera_board[~rest])
-        found[~rest] = np.square(held.rms_by_picture_px)
-    return found
+    least = min(each.map_rms_px for each in found if each.is_plain)
+    known = [each for each in found if each.map_rms_px <= _AS_KNOWN * least and (each.is_plain or each.is_firm)]
+    return min(known, key=lambda each: each.heldout_rms_px * (1.0 + _PRICE * each.fit.form.basis.shape[1]))
 
 
 def uncertainty_px(fit: LensFit) -> Array:

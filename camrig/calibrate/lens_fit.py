@@ -21,8 +21,9 @@ from camrig.geometry.pose import perturb, transform
 
 HUBER_SIGMAS = 3.0
 _MEDIAN_OF_NORMAL = 0.6745
-_STEPS = 60
-_DONE_SHARE = 1e-9
+_STEPS = 40
+_POSE_STEPS = 8
+_DONE_SHARE = 1e-7
 _NEAREST = 1e-3
 """Depth over the board's size: what is nearer, or behind, is no picture of it."""
 
@@ -83,8 +84,9 @@ class LensFit:
         return np.asarray(np.sqrt(np.square(self.residual_px).sum(axis=(1, 2)) / self.points.there.sum(axis=1)))
 
 
-def fit_lens(points: Points, form: LensForm, start: LensFit | None = None) -> LensFit:
-    """Find a lens of a form and all poses, from a fit of another form of the same kind and pictures, or from nothing.
+def fit_lens(points: Points, form: LensForm, start: LensFit | None = None, steps: int = _STEPS) -> LensFit:
+    """Find a lens of a form and all poses, from a fit of another form of the same kind and pictures, or from nothing,
+    in at most so many steps.
 
     Raises InputError where the pictures do not determine them.
     """
@@ -93,12 +95,12 @@ def fit_lens(points: Points, form: LensForm, start: LensFit | None = None) -> Le
     numbers = np.where(form.basis.any(axis=1), start.numbers, 0.0)
     if form.square:
         numbers[[FX, FY]] = numbers[[FX, FY]].mean()
-    return _refined(points, form, numbers, start.T_camera_board)
+    return _refined(points, form, numbers, start.T_camera_board, steps=steps)
 
 
 def fit_poses(points: Points, form: LensForm, numbers: Array, start: Array) -> LensFit:
     """Find the poses alone, from (n, 4, 4) ``start``, through a lens that is known."""
-    return _refined(points, form, numbers, start, lens_free=False)
+    return _refined(points, form, numbers, start, lens_free=False, steps=_POSE_STEPS)
 
 
 def _from_nothing(points: Points, form: LensForm) -> LensFit:
@@ -207,7 +209,7 @@ def _residual(points: Points, form: LensForm, numbers: Array, T: Array) -> Array
 
 
 def _in_camera(points: Points, T: Array) -> Array:
-    return np.asarray(np.einsum("nij,nmj->nmi", T[:, :3, :3], points.board_m) + T[:, None, :3, 3])
+    return np.asarray(points.board_m @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3])
 
 
 def _scale(points: Points, residual: Array) -> float:
@@ -249,8 +251,8 @@ def _linearised(points: Points, form: LensForm, basis: Array, numbers: Array, T:
         A=(LT @ L).sum(axis=0),
         B=LT @ P,
         C=PT @ P,
-        a=np.einsum("nki,nk->i", L, r),
-        c=np.einsum("nki,nk->ni", P, r),
+        a=(LT @ r[..., None]).sum(axis=0)[:, 0],
+        c=(PT @ r[..., None])[..., 0],
         cost=_cost(points, residual, scale_px),
         residual_px=residual,
     )
@@ -262,9 +264,9 @@ def _step(linear: _Linear, damping: float) -> tuple[Array, Array]:
     solved_c = np.linalg.solve(C, linear.c[..., None])[..., 0]
     d_lens = np.zeros(len(linear.a))
     if len(linear.a):
-        right = linear.a - np.einsum("nij,nj->i", linear.B, solved_c)
+        right = linear.a - (linear.B @ solved_c[..., None]).sum(axis=0)[:, 0]
         d_lens = -np.linalg.lstsq(S, right, rcond=1e-14)[0]
-    return d_lens, -solved_c - np.einsum("nji,j->ni", np.swapaxes(solved_B, 1, 2), d_lens)
+    return d_lens, -solved_c - solved_B @ d_lens
 
 
 def _reduced(linear: _Linear, damping: float) -> tuple[Array, Array, Array]:
@@ -272,7 +274,7 @@ def _reduced(linear: _Linear, damping: float) -> tuple[Array, Array, Array]:
     C = linear.C * (1.0 + damping * np.eye(6)) + 1e-12 * np.eye(6)
     solved_B: Array = np.asarray(np.linalg.solve(C, np.swapaxes(linear.B, 1, 2)), np.float64)
     A = linear.A * (1.0 + damping * np.eye(len(linear.A)))
-    return np.asarray(A - np.einsum("nij,njk->ik", linear.B, solved_B)), solved_B, C
+    return np.asarray(A - (linear.B @ solved_B).sum(axis=0)), solved_B, C
 
 
 def _covariance(linear: _Linear, basis: Array, noise_px: float, scale_px: float) -> Array:

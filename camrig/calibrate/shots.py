@@ -15,7 +15,7 @@ CELLS = (8, 6)
 """Columns and rows of the coverage gauge."""
 
 FEWEST_POINTS = 6
-_SAME_SHARE = 0.01
+_SAME_SHARE = 0.004
 """A picture whose points all moved by less than this share of the picture's width repeats another."""
 
 _EDGES = 40
@@ -112,25 +112,24 @@ def spread_out(shots: Sequence[Shot], most: int) -> list[Shot]:
     return [shots[index] for index in sorted(set(chosen))]
 
 
-def gauges(views: Sequence[BoardView], board: Board, size_px: tuple[int, int]) -> Gauges:
-    """Judge what pictures cover, without a lens: tilts by how the plane foreshortens."""
-    cells: set[tuple[int, int]] = set()
-    sizes, tilts = [], []
-    for view in views:
-        cells |= set(map(tuple, _cell(view.corners_px, size_px).tolist()))
-        size, tilt = _plane(view, board, size_px)
-        sizes.append(size)
-        tilts.append(tilt)
+def gauges(views: Sequence[BoardView], board: Board, size_px: tuple[int, int], leans: Array | None = None) -> Gauges:
+    """Judge what pictures cover; tilts by how the plane foreshortens, or by (n, 2) x and y of the board's normals where
+    a lens has told them.
+    """
     if not views:
         return Gauges(0.0, 1.0, 0.0, 0)
-    leans = np.array(tilts)
-    most = np.hypot(leans[:, 0], leans[:, 1])
+    cells: set[tuple[int, int]] = set()
+    for view in views:
+        cells |= set(map(tuple, _cell(view.corners_px, size_px).tolist()))
+    planes = [_plane(view, board, size_px) for view in views]
+    sizes = [size for size, _ in planes]
+    tilts = np.array([lean for _, lean in planes]) if leans is None else leans
     reach = np.sin(_TILTED_RAD)
-    sides = sum(bool(np.any(sign * leans[:, axis] > reach)) for axis in (0, 1) for sign in (-1, 1))
+    sides = sum(bool(np.any(sign * tilts[:, axis] > reach)) for axis in (0, 1) for sign in (-1, 1))
     return Gauges(
         len(cells) / (CELLS[0] * CELLS[1]),
         float(max(sizes) / max(min(sizes), 1e-9)),
-        float(np.arcsin(min(float(most.max()), 1.0))),
+        float(np.arcsin(min(float(np.hypot(tilts[:, 0], tilts[:, 1]).max()), 1.0))),
         sides,
     )
 
