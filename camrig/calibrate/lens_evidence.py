@@ -7,6 +7,7 @@ the camera's pose would take that in (as mrcal's projection uncertainty does).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -70,7 +71,7 @@ class Candidate:
     @property
     def is_firm(self) -> bool:
         """Tell whether its focal length is known well."""
-        return bool(self.fit.covariance[FX, FX] < (_FIRM * self.fit.numbers[FX]) ** 2)
+        return math.sqrt(max(float(self.fit.covariance[FX, FX]), 0.0)) < _FIRM * float(self.fit.numbers[FX])
 
     @property
     def map_rms_px(self) -> float:

@@ -22,8 +22,8 @@ from camrig.geometry.arrays import Array, GreyImage
 _FEWEST_MARKERS = 5
 """Fewer fit almost any layout."""
 
-_MARKER_PICTURES = 4
-"""So many pictures are searched for every kind of marker."""
+_AT_FIRST, _AT_LAST = 2, 6
+"""So many pictures are searched for every kind of marker, which is slow; and so many where nothing was found."""
 
 _ENOUGH_PX = 800
 """Pictures of at least twice this are searched smaller."""
@@ -67,7 +67,9 @@ def recognise(images: Sequence[GreyImage]) -> Board | None:
     A handful of pictures does; work grows with them.
     """
     smaller = [_shrunk(image) for image in images]
-    board = _with_markers(smaller) or _chessboard(smaller)
+    board = _with_markers(_some(smaller, _AT_FIRST)) or _chessboard(smaller)
+    if board is None and len(images) > _AT_FIRST:
+        board = _with_markers(_some(smaller, _AT_LAST))
     return _measured(board, images) if isinstance(board, AprilGrid) else board
 
 
@@ -98,6 +100,11 @@ def _gap(corners_px: Array, cells: Array, gap: float) -> float:
     return float(minimize_scalar(misfit, bounds=(0.5 * gap, 1.5 * gap), method="bounded", options={"xatol": 1e-4}).x)
 
 
+def _some(images: Sequence[GreyImage], count: int) -> Sequence[GreyImage]:
+    """Return at most so many, evenly."""
+    return images[:: -(-len(images) // count)] if images else images
+
+
 def _shrunk(image: GreyImage) -> GreyImage:
     """Return a picture of a side that is enough to tell boards apart."""
     factor = max(image.shape) // _ENOUGH_PX
@@ -109,12 +116,11 @@ def _shrunk(image: GreyImage) -> GreyImage:
 
 def _with_markers(images: Sequence[GreyImage]) -> Board | None:
     """Try every dictionary, black on white first, until the markers found lie as on a board."""
-    few = images[:: -(-len(images) // _MARKER_PICTURES)] if images else images
     for inverted in (False, True):
         for dictionary in DICTIONARIES:
-            layouts = [_best_charuco(list(_seen(few, dictionary, inverted=inverted)), dictionary, inverted=inverted)]
+            layouts = [_best_charuco(list(_seen(images, dictionary, inverted=inverted)), dictionary, inverted=inverted)]
             if dictionary == _APRIL and not inverted:
-                layouts.append(_either_border(few))
+                layouts.append(_either_border(images))
             fitting = [layout for layout in layouts if layout is not None]
             if fitting:
                 return min(fitting, key=lambda layout: layout.misfit).board

@@ -68,9 +68,10 @@ def test_real_chessboards_are_as_good_as_the_reference_with_no_more_numbers(
 ) -> None:
     images = shared_data / "images"
     expected = json.loads((images / sheet).read_text())[reference]
-    found = answer(capsys, "--from-images", images / pictures, "--square-mm", 1000 * expected["square_m"])
     columns, rows = expected["inner_corners"]
-    assert found["board"] == f"chessboard:{columns}x{rows}:{1000 * expected['square_m']:g}"
+    board = f"chessboard:{columns}x{rows}:{1000 * expected['square_m']:g}"
+    found = answer(capsys, "--from-images", images / pictures, "--board", board)
+    assert found["board"] == board
     assert found["views"] == expected["used"]
     assert found["rms_px"] <= 1.02 * expected["rms_px"]
     assert found["heldout_rms_px"] <= 1.15 * found["rms_px"]
@@ -117,8 +118,9 @@ def test_drawn_pictures_give_the_lens_that_drew_them_and_the_rig_gets_it(
 
 def test_a_table_of_zoom_is_filled_row_by_row(drawn: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lens = tmp_path / "zoom.yaml"
+    known = ("--from-images", drawn / "shots", "--board", BOARD, "--kind", "fisheye", "--out", lens)
     for position in (200, 0, 200):
-        answer(capsys, "--from-images", drawn / "shots", "--board", BOARD, "--zoom-position", position, "--out", lens)
+        answer(capsys, *known, "--zoom-position", position)
     rows = yaml.safe_load(lens.read_text())["lenses"]["lens"]["zoom"]
     assert [row["position"] for row in rows] == [0, 200]
 
@@ -163,7 +165,7 @@ def test_a_damaged_picture_is_named_and_the_rest_is_done(
     spoil(tmp_path, drawn / "shots", "")
     (tmp_path / "cut.png").write_bytes((tmp_path / "00.png").read_bytes()[:900])
     with pytest.raises(PartialError, match=r"cut\.png: is damaged"):
-        answer(capsys, "--from-images", tmp_path, "--board", BOARD)
+        answer(capsys, "--from-images", tmp_path, "--board", BOARD, "--kind", "fisheye")
     assert json.loads(capsys.readouterr().out)["views"] == 12
 
 
