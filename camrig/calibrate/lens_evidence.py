@@ -66,7 +66,7 @@ class Candidate:
     @property
     def is_plain(self) -> bool:
         """Tell whether it has no more numbers than most lenses need."""
-        return self.fit.form.basis.shape[1] <= _PLAIN
+        return bool(self.fit.form.basis.shape[1] <= _PLAIN)
 
     @property
     def is_firm(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from camrig.cli.calibrate_board import board
 from camrig.cli.calibrate_extrinsics import extrinsics
 from camrig.cli.calibrate_intrinsics import intrinsics
 
@@ -15,5 +16,6 @@ def _no_calibration() -> None:
     """Do nothing: every calibration stands for itself."""
 
 
+calibrate.command()(board)
 calibrate.command()(intrinsics)
 calibrate.command()(extrinsics)
