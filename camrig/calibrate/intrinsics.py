@@ -229,7 +229,7 @@ def _refuse_undetermined(fit: LensFit) -> None:
 
 def _with_radius(fit: LensFit) -> BrownLens | FisheyeLens:
     lens = fit.form.lens(fit.numbers, fit.points.size_px)
-    radius = round(calibrated_radius(fit), 4)
+    radius = math.floor(1e4 * calibrated_radius(fit)) / 1e4
     kind = FisheyeLens if isinstance(lens, FisheyeLens) else BrownLens
     return kind(lens.size_px, lens.focal_px, lens.centre_px, lens.distortion, radius)
 

@@ -7,6 +7,7 @@ import typer
 from camrig.cli.calibrate_board import board
 from camrig.cli.calibrate_extrinsics import extrinsics
 from camrig.cli.calibrate_intrinsics import intrinsics
+from camrig.cli.lens_exchange import export_lens, import_lens
 
 calibrate = typer.Typer(help="Find out what a rig is really like.", no_args_is_help=True, rich_markup_mode="markdown")
 
@@ -19,3 +20,5 @@ def _no_calibration() -> None:
 calibrate.command()(board)
 calibrate.command()(intrinsics)
 calibrate.command()(extrinsics)
+calibrate.command("import")(import_lens)
+calibrate.command("export")(export_lens)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,14 +25,14 @@ def lens_entry(lens: BrownLens | FisheyeLens, distortion: tuple[float, ...]) -> 
         "cx": round(cx, 4),
         "cy": round(cy, 4),
         "distortion": [float(f"{value:.8g}") for value in distortion],
-        "r_max": round(lens.r_max, 4),
+        "r_max": math.floor(1e4 * lens.r_max) / 1e4,
     }
 
 
 def lens_changes(
-    document: Document, camera: str, entry: Mapping[str, Any], sigma: Mapping[str, float]
+    document: Document, camera: str, entry: Mapping[str, Any], sigma: Mapping[str, float] | None
 ) -> dict[KeyPath, object]:
-    """Return what to amend in a rig's file: the lens of a camera, and what its calibration left wrong.
+    """Return what to amend in a rig's file: the lens of a camera, and what it may be off by where that is known.
 
     A lens that other cameras have too stays theirs: the camera gets one of its own name. Raises InputError where that
     name is taken, or where the lens has a table of zoom.
@@ -54,12 +55,17 @@ def lens_changes(
         changes["cameras", camera, "lens"] = camera
     else:
         changes |= {("lenses", name, key): value for key, value in entry.items()}
-    changes["cameras", camera, "lens_sigma"] = {
+    if sigma is not None:
+        changes["cameras", camera, "lens_sigma"] = _lens_sigma(entry, sigma)
+    return changes
+
+
+def _lens_sigma(entry: Mapping[str, Any], sigma: Mapping[str, float]) -> dict[str, float]:
+    return {
         "f_percent": _within(100.0 * sigma["fx"] / entry["fx"], _MOST_F_PERCENT),
         "centre_px": _within(max(sigma["cx"], sigma["cy"]), _MOST_CENTRE_PX),
         "k1": _within(sigma.get("k1", 0.0), _MOST_K1),
     }
-    return changes
 
 
 def with_zoom_row(lens: Mapping[str, Any], position: float, entry: Mapping[str, Any]) -> dict[str, Any]:
