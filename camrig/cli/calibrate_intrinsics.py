@@ -10,10 +10,11 @@ import yaml
 
 from camrig.calibrate.boards import Board, board_word, parse_board
 from camrig.calibrate.intrinsics import Intrinsics, Kind, calibrate_lens, steps
-from camrig.cli.board_shots import BoardShots, read_shots
+from camrig.cli.board_shots import read_shots
 from camrig.cli.console import print_json, progress_bar
 from camrig.cli.experiment_common import note
 from camrig.cli.intrinsics_answer import as_json, print_lens
+from camrig.cli.live_shots import live_shots
 from camrig.config.amend import amend_rig
 from camrig.config.document import load_document
 from camrig.config.kept_file import former, write
@@ -48,6 +49,7 @@ def intrinsics(
 ) -> None:
     """Find a camera's lens from pictures of a board, held still and sharp, near and far, tilted to all sides.
 
+    Without pictures the rig's camera takes them itself whenever the board is still, and says how to hold it next.
     Which board it is, is recognised. Bad pictures are set aside by name, the lens has as many numbers as the pictures
     speak for, and what it is worth is told in millimetres. Nothing is written without --write, --out or --report. Exit
     code 4 where some pictures could not be read.
@@ -56,7 +58,13 @@ def intrinsics(
     places = [*(from_images or ()), *(from_video or ())]
     if zoom_position is not None and out is None:
         raise InputError("--zoom-position fills a row of the lens in a file: give it, --out LENS.yaml")
-    seen = _seen(places, board, square_mm, hidden=as_json_line)
+    known, square_m = _board(board, square_mm)
+    if places:
+        seen = read_shots(places, known, square_m, hidden=as_json_line)
+    elif rig is not None and camera is not None:
+        seen = live_shots(rig, camera, known, square_m, hidden=as_json_line)
+    else:
+        raise InputError("give pictures of the board, --from-images FOLDER or --from-video FILE, or a rig's camera")
     if rig is not None and camera is not None and rig.rig.cameras[camera].lens.size_px != seen.size_px:
         (width, height), (own_width, own_height) = seen.size_px, rig.rig.cameras[camera].lens.size_px
         raise InputError(
@@ -97,15 +105,13 @@ def _rig(config: Path | None, camera: str | None, *, write_rig: bool) -> RigConf
     return rig
 
 
-def _seen(places: list[str], board: str | None, square_mm: float | None, *, hidden: bool) -> BoardShots:
-    if not places:
-        raise InputError("give pictures of the board: --from-images FOLDER or --from-video FILE")
+def _board(board: str | None, square_mm: float | None) -> tuple[Board | None, float | None]:
+    """Return the board that is named, and the squares of one that is not."""
     if square_mm is not None and not 0.0 < square_mm <= 5000.0:
         raise InputError(f"--square-mm is above 0 and up to 5000, not {square_mm:g}")
     if square_mm is not None and board is not None:
         raise InputError("--square-mm is for a board that is recognised; --board says its size itself")
-    known: Board | None = None if board is None else parse_board(board)
-    return read_shots(places, known, None if square_mm is None else square_mm / 1000.0, hidden=hidden)
+    return None if board is None else parse_board(board), None if square_mm is None else square_mm / 1000.0
 
 
 def _write(
