@@ -122,7 +122,8 @@ def _map(figure: Any, found: Intrinsics, seen: Sequence[Array]) -> None:
     values = np.ma.masked_invalid(np.log10(np.maximum(found.sideways_mm, 1e-3)))
     painted = axes.pcolormesh(grid[..., 0], grid[..., 1], values, shading="nearest", cmap="viridis")
     bar = figure.colorbar(painted, ax=axes)
-    ticks = bar.get_ticks()
+    low, high = painted.get_clim()
+    ticks = [tick for tick in bar.get_ticks() if low <= tick <= high]
     bar.set_ticks(ticks, labels=[f"{10.0**tick:.2g}" for tick in ticks])
     bar.set_label("mm")
     points = np.concatenate(list(seen))
