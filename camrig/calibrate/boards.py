@@ -20,7 +20,7 @@ Ids = npt.NDArray[np.int64]
 
 DICTIONARIES = {
     name.removeprefix("DICT_").lower(): int(getattr(cv2.aruco, name))
-    for name in ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_APRILTAG_36h11")
+    for name in ("DICT_4X4_1000", "DICT_APRILTAG_36h11", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000")
 }
 """Markers of ChArUco boards: each contains OpenCV's smaller dictionaries of the same bits."""
 

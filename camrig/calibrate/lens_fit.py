@@ -23,6 +23,7 @@ HUBER_SIGMAS = 3.0
 _MEDIAN_OF_NORMAL = 0.6745
 _STEPS = 40
 _POSE_STEPS = 8
+_TRIAL_STEPS = 12
 _DONE_SHARE = 1e-7
 _NEAREST = 1e-3
 """Depth over the board's size: what is nearer, or behind, is no picture of it."""
@@ -114,7 +115,7 @@ def _from_nothing(points: Points, form: LensForm) -> LensFit:
         numbers[[CX, CY]] = 0.5 * (width - 1.0), 0.5 * (height - 1.0)
         try:
             T = _poses_of(points, simplest, numbers)
-            trials.append(_refined(points, simplest, numbers, T, steps=25))
+            trials.append(_refined(points, simplest, numbers, T, steps=_TRIAL_STEPS))
         except (InputError, cv2.error):
             continue
     if not trials:
