@@ -17,6 +17,7 @@ import numpy as np
 from camrig.calibrate.boards import AprilGrid, Board, BoardView, Charuco, Chessboard, Ids
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array, GreyImage
+from camrig.geometry.lens import Lens
 from camrig.interfaces import TagDetector
 
 LEAST_SIDE_PX = 32
@@ -31,6 +32,9 @@ _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
 _LARGEST_WINDOW_PX = 11
 _WINDOW_SHARE = 0.3
 """Half the window over the distance to the nearest neighbour: the corner and nothing of the next."""
+
+_CELLS = 8
+"""Of a tag36h11 between its corners."""
 
 _FEWEST_CHARUCO = 4
 _FEWEST_TAGS = 2
@@ -150,6 +154,17 @@ def _plain_tags(board: AprilGrid, ids: Ids, corners: Array) -> BoardView | None:
     order = np.argsort(ids[mine])
     tags = ids[mine][order] - board.first_id
     return BoardView((4 * tags[:, None] + np.arange(4)).ravel(), corners[mine][order].reshape(-1, 2))
+
+
+def refined_through(lens: Lens, image: GreyImage, view: BoardView) -> BoardView:
+    """Return a view of a plain AprilGrid with its tags' edges followed as the lens bends them: a detector's straight
+    lines miss the corners by what an edge bends. The first call of a process loads machine code, or compiles it.
+    """
+    from camrig.geometry.refine_corners import refine_corners  # noqa: PLC0415 - loads numba, which few boards need
+
+    quads = view.corners_px.reshape(-1, 4, 2)
+    found = refine_corners(image, lens, quads, np.full(len(quads), float(_CELLS)))
+    return BoardView(view.ids, found.corners_px.reshape(-1, 2))
 
 
 def refine(image: GreyImage, corners_px: Array, near_px: Array) -> Array:

@@ -93,6 +93,11 @@ class Intrinsics:
         return self.chosen.fit
 
     @property
+    def unbounded(self) -> BrownLens | FisheyeLens:
+        """Return the lens as far as it is one-to-one."""
+        return self.fit.form.lens(self.fit.numbers, self.lens.size_px)
+
+    @property
     def distortion(self) -> tuple[float, ...]:
         """Return the coefficients in OpenCV's order, as many as OpenCV would write."""
         return distortion_of(self.fit.form, self.lens)

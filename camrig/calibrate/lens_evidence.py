@@ -41,7 +41,7 @@ _PLAIN, _FIRM = 8, 0.005
 """A lens of more numbers is for pictures that tell its focal length this well."""
 
 _FISHEYE_GAIN = 0.97
-"""A fisheye is taken where it leaves less than this share of what the best Brown-Conrady lens does."""
+"""A fisheye is taken where it leaves less than this share of what a plain Brown-Conrady lens does."""
 
 _TRUSTED_PX = 1.0
 """How uncertain a direction may be that still counts as calibrated."""
@@ -62,6 +62,11 @@ class Candidate:
         """Return the rms distance of the points of pictures that had no part in the lens."""
         points = self.fit.points.there.sum(axis=1)
         return float(np.sqrt((points * self.heldout_px2).sum() / points.sum()))
+
+    @property
+    def priced_px(self) -> float:
+        """Return the rms of pictures held out, with the price of the lens's numbers."""
+        return float(self.heldout_rms_px * (1.0 + _PRICE * self.fit.form.basis.shape[1]))
 
     @property
     def is_plain(self) -> bool:
@@ -131,16 +136,16 @@ def best_of(found: Sequence[Candidate]) -> Candidate:
     brown, fisheye = (_best_of_kind(kind) if kind else None for kind in kinds)
     if brown is None and fisheye is None:
         raise InputError("no lens fits these pictures: is it the right board, and are there several views of it?")
-    if brown is None or (fisheye and fisheye.heldout_rms_px < _FISHEYE_GAIN * brown.heldout_rms_px):
-        assert fisheye is not None
-        return fisheye
-    return brown
+    if brown is None or fisheye is None:
+        return brown or fisheye or found[0]
+    gain = _FISHEYE_GAIN if brown.is_plain else 1.0
+    return fisheye if fisheye.priced_px < gain * brown.priced_px else brown
 
 
 def _best_of_kind(found: Sequence[Candidate]) -> Candidate:
     least = min(each.map_rms_px for each in found if each.is_plain)
     known = [each for each in found if each.map_rms_px <= _AS_KNOWN * least and (each.is_plain or each.is_firm)]
-    return min(known, key=lambda each: each.heldout_rms_px * (1.0 + _PRICE * each.fit.form.basis.shape[1]))
+    return min(known, key=lambda each: each.priced_px)
 
 
 def uncertainty_px(fit: LensFit) -> Array:

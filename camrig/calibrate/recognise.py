@@ -28,13 +28,16 @@ _AT_FIRST, _AT_LAST = 2, 6
 _ENOUGH_PX = 800
 """Pictures of at least twice this are searched smaller."""
 
-_WORST_MISFIT = 0.12
-"""Of a layout, over the side of a marker: what a strong lens bends; wrong layouts are off by whole squares."""
+_GOOD_MISFIT, _WORST_MISFIT = 0.12, 0.5
+"""Of a layout, over the side of a marker: what most lenses bend, and a fisheye; wrong layouts are off by squares."""
+
+_ALONE = 2.0
+"""Where the misfit is not good, every other layout must be worse by this factor."""
 
 _WIDEST = 24
 _NARROWEST_CHESSBOARD = 3
-_VOTES = 3
-"""Chessboard sizes that are tried on all pictures."""
+_VOTES, _AGREED = 3, 0.25
+"""Chessboard sizes that are tried on all pictures, and what share of these must show one."""
 
 _FAST = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
 _CLEARLY = 0.7
@@ -75,16 +78,23 @@ def recognise(images: Sequence[GreyImage]) -> Board | None:
 
 def _measured(board: AprilGrid, images: Sequence[GreyImage]) -> AprilGrid:
     """Return the grid with its gap as corners of the full pictures tell, refined: each row of tags is a ruler."""
+    views = [view for image in images if (view := find_board(image, board)) is not None]
+    return with_measured_gap(board, [(view.ids, view.corners_px) for view in views])
+
+
+def with_measured_gap(board: AprilGrid, views: Sequence[tuple[Ids, Array]]) -> AprilGrid:
+    """Return the grid with the gap at which (4 k,) ids and (4 k, 2) corners lie best on a plane; of corners in ideal
+    coordinates it is exact, of those in pixels as good as the lens is straight.
+    """
     gaps = []
-    for image in images:
-        view = find_board(image, board)
-        tags = [] if view is None else np.unique(view.ids // 4).tolist()
-        if view is None or len(tags) < _FEWEST_MARKERS:
-            continue
-        corners = view.corners_px.reshape(-1, 4, 2)
-        y, x = np.divmod(np.array(tags), board.columns)
-        gaps.append(_gap(corners, np.stack([x, y], axis=-1).astype(float), board.gap_m))
-    return replace(board, gap_m=round(float(np.median(gaps)), 3)) if gaps else board
+    for ids, corners in views:
+        tags = ids[::4] // 4
+        finite = np.isfinite(corners.reshape(-1, 8)).all(axis=1)
+        if finite.sum() >= _FEWEST_MARKERS:
+            y, x = np.divmod(tags[finite], board.columns)
+            cells = np.stack([x, y], axis=-1).astype(float)
+            gaps.append(_gap(corners.reshape(-1, 4, 2)[finite], cells, board.gap_m / board.tag_m))
+    return replace(board, gap_m=round(float(np.median(gaps)), 3) * board.tag_m) if gaps else board
 
 
 def _gap(corners_px: Array, cells: Array, gap: float) -> float:
@@ -94,7 +104,7 @@ def _gap(corners_px: Array, cells: Array, gap: float) -> float:
         places = (cells[:, None] * (1.0 + trial) + _UNIT_TAG).reshape(-1, 2)
         H, _ = cv2.findHomography(places, corners_px.reshape(-1, 2), 0)
         if H is None:
-            return np.inf
+            return float("inf")
         return float(np.square(cv2.perspectiveTransform(places[None], H)[0] - corners_px.reshape(-1, 2)).sum())
 
     return float(minimize_scalar(misfit, bounds=(0.5 * gap, 1.5 * gap), method="bounded", options={"xatol": 1e-4}).x)
@@ -163,7 +173,8 @@ def _best_charuco(seen: Sequence[_Markers], dictionary: str, *, inverted: bool) 
             places = _charuco_places(columns, rows, legacy=legacy)
             layouts.append((columns, rows, legacy, *_fit(seen, places, last)))
     columns, rows, legacy, misfit, side = min(layouts, key=lambda layout: layout[3])
-    if misfit > _WORST_MISFIT or not 0.1 < side < 0.98:
+    others = [layout[3] for layout in layouts if layout[0] != columns]
+    if not _is_clear(misfit, others) or not 0.1 < side < 0.98:
         return None
     return _Layout(Charuco(columns, rows, 1.0, round(side, 3), dictionary, legacy, inverted), misfit)
 
@@ -202,10 +213,14 @@ def _aprilgrid(images: Sequence[GreyImage], border_bits: int) -> _Layout | None:
         places[start:] = np.stack([x, y], axis=-1)
         layouts.append((columns, start, *_fit(seen, places, last)))
     columns, start, misfit, side = min(layouts, key=lambda layout: layout[2])
-    if misfit > _WORST_MISFIT or not 0.1 < side < 0.98:
+    if not _is_clear(misfit, [layout[2] for layout in layouts if layout[0] != columns]) or not 0.1 < side < 0.98:
         return None
     rows = (last - start) // columns + 1
     return _Layout(AprilGrid(columns, rows, 1.0, round(1.0 / side - 1.0, 3), border_bits, start), misfit)
+
+
+def _is_clear(misfit: float, others: Sequence[float]) -> bool:
+    return misfit <= _GOOD_MISFIT or (misfit <= _WORST_MISFIT and min(others) >= _ALONE * misfit)
 
 
 def _last_id(seen: Sequence[_Markers]) -> int:
@@ -241,13 +256,12 @@ def _chessboard(images: Sequence[GreyImage]) -> Chessboard | None:
     for image in images:
         start = (_NARROWEST_CHESSBOARD, _NARROWEST_CHESSBOARD)
         found, _, meta = cv2.findChessboardCornersSBWithMeta(image, start, flags)
-        if found:
-            columns, rows = max(meta.shape[:2]), min(meta.shape[:2])
-            grown[columns, rows] += 1
+        if found and max(meta.shape[:2]) > _NARROWEST_CHESSBOARD:
+            grown[max(meta.shape[:2]), min(meta.shape[:2])] += 1
     votes = {
         size: sum(bool(cv2.findChessboardCorners(image, size, flags=_FAST)[0]) for image in images)
         for size, _ in grown.most_common(_VOTES)
     }
-    if not votes or max(votes.values()) == 0:
+    if not votes or max(votes.values()) < _AGREED * len(images):
         return None
     return Chessboard(*max(votes, key=lambda size: (votes[size], size[0] * size[1])))

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from camrig import pictures
 from camrig.calibrate.boards import AprilGrid, Board, board_word, scaled
-from camrig.calibrate.find_boards import LEAST_SIDE_PX, find_board
-from camrig.calibrate.recognise import recognise
+from camrig.calibrate.find_boards import LEAST_SIDE_PX, find_board, refined_through
+from camrig.calibrate.recognise import recognise, with_measured_gap
 from camrig.calibrate.shots import Shot, edge_width_px
 from camrig.cli.console import people, progress_bar
+from camrig.detect import warm_up
 from camrig.errors import InputError
 from camrig.geometry.arrays import GreyImage
+from camrig.geometry.lens import Lens
 from camrig.interfaces import TagDetector
 from camrig.pictures import Picture
 from camrig.plugins import load_plugin
@@ -61,6 +63,28 @@ def read_shots(places: Sequence[str], board: Board | None, square_m: float | Non
     if not shots:
         raise InputError(_nowhere(board, sample, len(without)))
     return BoardShots(board, size_px, tuple(shots), tuple(without), tuple(faults))
+
+
+def through_lens(places: Sequence[str], seen: BoardShots, lens: Lens, *, measure: bool, hidden: bool) -> BoardShots:
+    """Return the shots of an AprilGrid as they are through a lens that is nearly right: corners of plain tags refined
+    in the pictures of ``places``, and the gap between tags measured where nobody has said it.
+    """
+    board = seen.board
+    assert isinstance(board, AprilGrid)
+    shots = {shot.name: shot for shot in seen.shots}
+    paths = [path for place in places for path in pictures.find(place)] if not board.like_kalibrs else []
+    if paths:
+        with people.status("loading refinement; after an installation it is compiled once, for a quarter of a minute"):
+            warm_up()
+    with progress_bar("refining corners", pictures.count(paths), hidden=hidden) as progress:
+        for picture in _thinned(paths):
+            shot = shots.get(_name(picture))
+            if shot is not None and picture.image is not None:
+                shots[shot.name] = replace(shot, view=refined_through(lens, picture.image, shot.view))
+            progress.advance(progress.task_ids[0])
+    if measure:
+        board = with_measured_gap(board, [(s.view.ids, lens.unproject(s.view.corners_px)) for s in shots.values()])
+    return replace(seen, board=board, shots=tuple(shots.values()))
 
 
 def tag_detector() -> TagDetector:

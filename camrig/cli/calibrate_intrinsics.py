@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 import yaml
 
-from camrig.calibrate.boards import Board, board_word, parse_board
+from camrig.calibrate.boards import AprilGrid, Board, board_word, parse_board
 from camrig.calibrate.intrinsics import Intrinsics, Kind, calibrate_lens, steps
-from camrig.cli.board_shots import read_shots
+from camrig.cli.board_shots import BoardShots, read_shots, through_lens
 from camrig.cli.console import print_json, progress_bar
 from camrig.cli.experiment_common import note
 from camrig.cli.intrinsics_answer import as_json, print_lens
@@ -71,10 +71,12 @@ def intrinsics(
             f"pictures are {width}x{height} px, camera '{camera}' delivers {own_width}x{own_height} px: "
             "take them with this camera as the rig runs it"
         )
-    with progress_bar("fitting lenses", steps(kind), hidden=as_json_line) as progress:
-        found = calibrate_lens(
-            seen.shots, seen.board, seen.size_px, kind, lambda: progress.advance(progress.task_ids[0])
-        )
+    found = _fitted(seen, kind, hidden=as_json_line)
+    if isinstance(seen.board, AprilGrid):
+        seen = through_lens(places, seen, found.unbounded, measure=known is None, hidden=as_json_line)
+        if known is None:
+            note(f"the gap between tags is measured: {board_word(seen.board)}; --board says it exactly")
+        found = _fitted(seen, kind, hidden=as_json_line)
     last = None if rig is None or camera is None else rig.rig.cameras[camera].lens
     entry = lens_entry(found.lens, found.distortion)
     written = _write(config if write_rig else None, camera, out, zoom_position, found, entry)
@@ -103,6 +105,13 @@ def _rig(config: Path | None, camera: str | None, *, write_rig: bool) -> RigConf
     if camera not in rig.rig.cameras:
         raise InputError(f"rig '{rig.rig.name}' has no camera '{camera}'; it has {', '.join(rig.rig.cameras)}")
     return rig
+
+
+def _fitted(seen: BoardShots, kind: Kind, *, hidden: bool) -> Intrinsics:
+    with progress_bar("fitting lenses", steps(kind), hidden=hidden) as progress:
+        return calibrate_lens(
+            seen.shots, seen.board, seen.size_px, kind, lambda: progress.advance(progress.task_ids[0])
+        )
 
 
 def _board(board: str | None, square_mm: float | None) -> tuple[Board | None, float | None]:

@@ -18,7 +18,7 @@ from camrig.cli.main import build
 from camrig.config.kept_file import former
 from camrig.config.rig_file import load_rig
 from camrig.errors import CamrigError, InputError, PartialError
-from camrig.geometry.lens import BrownLens
+from camrig.geometry.lens import BrownLens, FisheyeLens
 from tests.drawn_boards import BoardCamera
 
 LENS = BrownLens((480, 360), (420.0, 420.5), (243.0, 176.0), (-0.2, 0.05, 0.0, 0.0))
@@ -123,6 +123,21 @@ def test_a_table_of_zoom_is_filled_row_by_row(drawn: Path, tmp_path: Path, capsy
         answer(capsys, *known, "--zoom-position", position)
     rows = yaml.safe_load(lens.read_text())["lenses"]["lens"]["zoom"]
     assert [row["position"] for row in rows] == [0, 200]
+
+
+def test_a_fisheye_and_an_aprilgrid_of_unknown_gap_are_recognised_and_corners_follow_the_bend(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lens = FisheyeLens((480, 360), (160.0, 160.4), (242.0, 178.0), (0.02, -0.005, 0.001, 0.0))
+    camera = BoardCamera(lens, parse_board("aprilgrid:5x4:60:18"))
+    for index, T in enumerate(camera.poses(10)):
+        cv2.imwrite(str(tmp_path / f"{index:02d}.png"), camera.draw(T))
+    found = answer(capsys, "--from-images", tmp_path, "--square-mm", 60)
+    assert found["lens"] == "fisheye"
+    assert found["board"].startswith("aprilgrid:5x4:60:")
+    assert float(found["board"].split(":")[3]) == pytest.approx(18.0, abs=0.4)
+    assert found["fx"] == pytest.approx(160.0, rel=0.004)
+    assert found["cx"] == pytest.approx(242.0, abs=0.5)
 
 
 def spoil(folder: Path, source: Path, kind: str) -> None:
