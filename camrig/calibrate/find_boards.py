@@ -118,11 +118,8 @@ def _charuco(seen: GreyImage, board: Charuco, detector: cv2.aruco.CharucoDetecto
     corners, ids, _, _ = detector.detectBoard(seen)
     if ids is None or len(ids) < _FEWEST_CHARUCO:
         return None
-    found = np.asarray(ids, np.int64).ravel()
-    corners_px = np.asarray(corners, np.float64).reshape(-1, 2)
-    grid = np.full((board.rows - 1, board.columns - 1, 2), np.nan)
-    grid.reshape(-1, 2)[found] = corners_px
-    return BoardView(found, refine(seen, corners_px, _spacing_px(grid).ravel()[found]))
+    # OpenCV's own corners: its window ends where the markers begin, which a wider one would mistake for the corner.
+    return BoardView(np.asarray(ids, np.int64).ravel(), np.asarray(corners, np.float64).reshape(-1, 2))
 
 
 def _find_kalibrs(image: GreyImage, board: AprilGrid, detector: cv2.aruco.ArucoDetector) -> BoardView | None:
