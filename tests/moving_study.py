@@ -205,9 +205,7 @@ def main() -> None:
     asked.add_argument("--way", choices=("stadium", "wander", "stand"), default="stadium", help="what robots do")
     options = asked.parse_args()
     scenes: list[list[Sample]] = []
-    print(
-        "| heads swing to, deg/s | n | mean mm | 95 % mm | along mm | NEES | 95 %, scenes | largest | in the plane |"
-    )
+    print("| heads swing to, deg/s | n | mean mm | 95 % mm | along mm | NEES | 95 %, scenes | largest | in the plane |")
     print("|--|--|--|--|--|--|--|--|--|")
     for speed in SPEEDS_DEG_S:
         drawn = [

@@ -251,13 +251,9 @@ def _fit(seen: Sequence[_Markers], places: Array, last: int) -> tuple[float, flo
 
 
 def _chessboard(images: Sequence[GreyImage]) -> Chessboard | None:
-    grown: Counter[tuple[int, int]] = Counter()
-    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
-    for image in images:
-        start = (_NARROWEST_CHESSBOARD, _NARROWEST_CHESSBOARD)
-        found, _, meta = cv2.findChessboardCornersSBWithMeta(image, start, flags)
-        if found and max(meta.shape[:2]) > _NARROWEST_CHESSBOARD:
-            grown[max(meta.shape[:2]), min(meta.shape[:2])] += 1
+    grown = _grown(images, cv2.CALIB_CB_NORMALIZE_IMAGE)
+    if not grown:
+        grown = _grown(images, cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE)
     votes = {
         size: sum(bool(cv2.findChessboardCorners(image, size, flags=_FAST)[0]) for image in images)
         for size, _ in grown.most_common(_VOTES)
@@ -265,3 +261,14 @@ def _chessboard(images: Sequence[GreyImage]) -> Chessboard | None:
     if not votes or max(votes.values()) < _AGREED * len(images):
         return None
     return Chessboard(*max(votes, key=lambda size: (votes[size], size[0] * size[1])))
+
+
+def _grown(images: Sequence[GreyImage], flags: int) -> Counter[tuple[int, int]]:
+    """Return how many pictures show which size, columns no fewer than rows, when a patch of a board is grown."""
+    grown: Counter[tuple[int, int]] = Counter()
+    start = (_NARROWEST_CHESSBOARD, _NARROWEST_CHESSBOARD)
+    for image in images:
+        found, _, meta = cv2.findChessboardCornersSBWithMeta(image, start, flags | cv2.CALIB_CB_LARGER)
+        if found and max(meta.shape[:2]) > _NARROWEST_CHESSBOARD:
+            grown[max(meta.shape[:2]), min(meta.shape[:2])] += 1
+    return grown

@@ -1,4 +1,4 @@
-"""Boards: written in a word, drawn, recognised and found to a hundredth of a pixel; the traps that real ones set."""
+"""Boards: written in a word, drawn, recognised and found to a tenth of a pixel; the traps that real ones set."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ WORDS = (
 
 def tilted(board: Board) -> tuple[GreyImage, Array]:
     """A board as a camera without distortion sees it, a little soft, and where its points are in the picture."""
-    face, to_px = picture(board, 2400.0, 0.03)
-    H = np.array([[0.95, 0.08, 12.0], [-0.05, 0.97, 40.0], [2e-5, 1e-4, 1.0]])
-    seen = cv2.warpPerspective(face, H, (face.shape[1] + 60, face.shape[0] + 60), borderValue=200)
+    face, to_px = picture(board, 1600.0, 0.03)
+    H = np.array([[0.95, 0.08, 8.0], [-0.05, 0.97, 27.0], [3e-5, 1.5e-4, 1.0]])
+    seen = cv2.warpPerspective(face, H, (face.shape[1] + 40, face.shape[0] + 40), borderValue=200)
     flat = board.points_m[:, :2] @ to_px[:, :2].T + to_px[:, 2]
-    return np.asarray(cv2.GaussianBlur(seen, (0, 0), 1.0), np.uint8), cv2.perspectiveTransform(flat[None], H)[0]
+    return np.asarray(cv2.GaussianBlur(seen, (0, 0), 0.7), np.uint8), cv2.perspectiveTransform(flat[None], H)[0]
 
 
 @pytest.mark.parametrize("word", WORDS)
@@ -59,7 +59,7 @@ def test_a_board_is_recognised_and_every_point_found(word: str) -> None:
     assert view is not None
     assert view.ids.tolist() == list(range(len(board.points_m)))
     np.testing.assert_allclose(view.corners_px, where_px, atol=0.25)
-    assert np.sqrt(np.mean(np.square(view.corners_px - where_px))) < 0.06
+    assert np.sqrt(np.mean(np.square(view.corners_px - where_px))) < 0.1
 
 
 def test_a_board_printed_through_is_read_from_behind() -> None:

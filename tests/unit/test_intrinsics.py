@@ -11,7 +11,7 @@ from camrig.calibrate.boards import Board, BoardView, Charuco, Chessboard
 from camrig.calibrate.intrinsics import Intrinsics, Kind, calibrate_lens, steps
 from camrig.calibrate.lens_evidence import difference_px
 from camrig.calibrate.lens_fit import fit_lens, points_of
-from camrig.calibrate.lens_forms import BROWN, FISHEYE_LADDER, LADDER, LensForm, pixel_slopes, sensor_of
+from camrig.calibrate.lens_forms import FISHEYE_LADDER, LADDER, LensForm, pixel_slopes, sensor_of
 from camrig.calibrate.shots import Shot, gauges, next_pose
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array, Transform
@@ -80,17 +80,19 @@ def test_slopes_of_every_number_are_those_of_the_formula(form: LensForm) -> None
 
 
 @pytest.mark.parametrize(
-    ("lens", "board", "model"),
+    ("lens", "board", "right"),
     [
-        (LENS, BOARD, "k1 k2 p1 p2"),
-        (BrownLens((640, 480), (700.0, 700.0), (318.0, 241.0)), BOARD, "square pixels k1"),
-        (FISHEYE, WIDE_BOARD, "fisheye k1 k2"),
+        (LENS, BOARD, {"k1 k2 p1 p2"}),
+        (BrownLens((640, 480), (700.0, 700.0), (318.0, 241.0)), BOARD, {"square pixels k1"}),
+        (FISHEYE, WIDE_BOARD, {"fisheye k1 k2", "fisheye k1 k2 k3 k4"}),
     ],
     ids=["brown", "without bend", "fisheye"],
 )
-def test_the_right_form_is_chosen_and_the_lens_is_right_to_its_own_word(lens: Lens, board: Board, model: str) -> None:
-    found = calibrated(lens, board, count=20)
-    assert found.fit.form.name == model
+def test_the_right_form_is_chosen_and_the_lens_is_right_to_its_own_word(
+    lens: Lens, board: Board, right: set[str]
+) -> None:
+    found = calibrated(lens, board, count=14)
+    assert found.fit.form.name in right
     apart = difference_px(found.lens, lens)
     assert apart is not None
     assert apart["median"] < 0.3
@@ -170,18 +172,14 @@ def test_too_few_pictures_are_refused(count: int) -> None:
         calibrate_lens(shots(LENS, BOARD, poses(count, BOARD, LENS)), BOARD, LENS.size_px)
 
 
-def test_r_max_is_where_the_lens_is_known() -> None:
-    found = calibrated(LENS, count=10, kind=Kind.BROWN)
+def test_r_max_is_where_the_lens_is_known_and_every_form_is_counted() -> None:
+    ticks: list[int] = []
+    taken = shots(LENS, BOARD, poses(10, BOARD, LENS))
+    found = calibrate_lens(taken, BOARD, LENS.size_px, Kind.BROWN, lambda: ticks.append(1))
+    assert len(ticks) == steps(Kind.BROWN) == len(LADDER)
     corners = LENS.unproject(np.array([[0.0, 0.0], [639.0, 0.0], [0.0, 479.0], [639.0, 479.0]]))
     farthest = float(np.linalg.norm(corners, axis=-1).max())
     assert 0.6 * farthest < found.lens.r_max <= 1.05 * farthest
-
-
-def test_every_form_is_announced_to_the_progress_bar() -> None:
-    ticks: list[int] = []
-    calibrate_lens(shots(LENS, BOARD, poses(8, BOARD, LENS)), BOARD, LENS.size_px, Kind.BROWN, lambda: ticks.append(1))
-    assert len(ticks) == steps(Kind.BROWN) == len(LADDER)
-    assert LADDER[-1].free == BROWN
 
 
 def test_the_next_pose_is_where_and_how_the_board_was_not() -> None:
