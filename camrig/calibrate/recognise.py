@@ -251,9 +251,14 @@ def _fit(seen: Sequence[_Markers], places: Array, last: int) -> tuple[float, flo
 
 
 def _chessboard(images: Sequence[GreyImage]) -> Chessboard | None:
+    """Grow boards from a patch, and let pictures vote; where none grows, look for every usual size, largest first."""
     grown = _grown(images, cv2.CALIB_CB_NORMALIZE_IMAGE)
     if not grown:
-        grown = _grown(images, cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE)
+        few = _some(images, _AT_FIRST)
+        usual = [(columns, rows) for columns in range(4, 13) for rows in range(3, columns + 1)]
+        for size in sorted(usual, key=lambda size: -size[0] * size[1]):
+            grown[size] += sum(bool(cv2.findChessboardCorners(image, size, flags=_FAST)[0]) for image in few)
+        grown = +grown
     votes = {
         size: sum(bool(cv2.findChessboardCorners(image, size, flags=_FAST)[0]) for image in images)
         for size, _ in grown.most_common(_VOTES)
