@@ -96,7 +96,7 @@ def test_cameras_are_placed_in_the_world_by_anchors_and_a_walked_board(walk: Pat
     found = answer(ended)
     assert found["anchored"]
     assert found["median_px"] < 0.2
-    assert found["links"] == [{"cameras": ["north", "south"], "instants": 8}]
+    assert found["links"] == [{"cameras": ["north", "south"], "shared": 10}]
     assert (found["missing_links"], found["unplaced"]) == ([], [])
     for name, T in CAMERAS.items():
         off = difference(T, np.array(found["cameras"][name]["T_world_camera"]))
