@@ -12,8 +12,9 @@ from camrig.geometry.arrays import Array
 
 
 def instants_of(stamps_s: Mapping[str, Array]) -> dict[str, npt.NDArray[np.int64]]:
-    """Return the instants of pictures, numbered, by each camera's (n,) ascending stamps: pictures of different cameras less than
-    half a picture's time apart, and no two of one camera, are of one instant.
+    """Return the instant of each picture, numbered, by each camera's (n,) ascending stamps.
+
+    Pictures of different cameras less than half a picture's time apart, and no two of one camera, are of one instant.
 
     Raises InputError for stamps that do not ascend.
     """
