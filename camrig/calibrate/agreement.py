@@ -19,6 +19,9 @@ from camrig.geometry.pose import apply, invert
 _STEPS = 5
 _MM_PER_M = 1000.0
 
+Station = tuple[str, int]
+"""A camera and the stop of its head, 0 where it has none."""
+
 Point = tuple[str, int, tuple[float, ...]]
 """A mark, an instant, and which point of the mark, by its place on it."""
 
@@ -41,27 +44,28 @@ class Agreement:
 
 
 def agreement(
-    sighted: Sequence[Sighted], lenses: Mapping[str, Lens], T_world_camera: Mapping[str, Transform]
+    sighted: Sequence[Sighted], lenses: Mapping[str, Lens], T_world_camera: Mapping[Station, Transform]
 ) -> Agreement:
     """Place every point that cameras of known place saw at one instant; marks that stand may be of one instant, too."""
-    views: dict[Point, list[tuple[str, Array, Array, Array]]] = {}
+    views: dict[Point, list[tuple[Station, Array, Array, Array]]] = {}
     for each in sighted:
-        if each.picture.camera not in T_world_camera:
+        station = (each.picture.camera, each.picture.stop)
+        if station not in T_world_camera:
             continue
         rows = zip(np.round(each.points_m, 6).tolist(), each.pixels, each.ideal, each.px_per_ideal, strict=True)
         for at, pixel, ideal, scale in rows:
             point = (each.mark, each.picture.instant, tuple(at))
-            views.setdefault(point, []).append((each.picture.camera, pixel, ideal, scale))
+            views.setdefault(point, []).append((station, pixel, ideal, scale))
     T_camera_world = {name: invert(T) for name, T in T_world_camera.items()}
     cameras: list[str] = []
     px: list[Array] = []
     mm: list[Array] = []
     points = 0
     for seen in views.values():
-        if len({camera for camera, *_ in seen}) < 2:
+        names = [camera for (camera, _), *_ in seen]
+        if len(set(names)) < 2:
             continue
-        names = [camera for camera, *_ in seen]
-        T = np.stack([T_camera_world[camera] for camera in names])
+        T = np.stack([T_camera_world[station] for station, *_ in seen])
         ideal, scale = (np.stack([view[k] for view in seen]) for k in (2, 3))
         placed = _placed(T, ideal, scale)
         in_camera = np.stack([apply(each, placed) for each in T])

@@ -39,7 +39,8 @@ class Links:
         anchors = {each.mark: setup.anchors[each.mark] for each in sighted if each.mark in setup.anchors}
         self.anchored = bool(anchors)
         self.placed: dict[str, Placed] = {
-            body: place(seen, anchors if body == ROOM else None) for body, seen in self._seen.items()
+            body: place(seen, anchors if body == ROOM else dict([setup.frames[body]] if body in setup.frames else []))
+            for body, seen in self._seen.items()
         }
         self.T_world_base: dict[str, Transform] = {}
         self.T_world_body: dict[Node, Transform] = {}

@@ -54,7 +54,8 @@ class Setup:
 
     ``anchors`` are the marks whose ``T_world_mark`` is known, taken for exact. ``bodies`` tells what carries a mark:
     the name of what moves, or ``ROOM``; a mark that is not there is ``CARRIED``. ``heads`` by camera; ``kept``
-    are cameras (their heads' bases) whose place is not asked but known.
+    are cameras (their heads' bases) whose place is not asked but known. ``frames`` tells of a body which of its marks
+    it hangs on, and ``T_body_mark`` of that; of others it is the mark of which most is seen.
     """
 
     lenses: Mapping[str, Lens]
@@ -63,6 +64,7 @@ class Setup:
     bodies: Mapping[str, str] = field(default_factory=dict)
     heads: Mapping[str, OnHead] = field(default_factory=dict)
     kept: Mapping[str, Transform] = field(default_factory=dict)
+    frames: Mapping[str, tuple[str, Transform]] = field(default_factory=dict)
 
     def body_of(self, mark: str) -> str:
         """Return what carries a mark."""

@@ -30,6 +30,9 @@ _CAP_PX = 5.0
 _ASKED = 50
 """Of about so many pictures it is asked where a mark may be."""
 
+_JUDGES = 200
+"""About so many pictures judge the answers."""
+
 _STARTS = 4
 """So many marks of a picture, the widest, are asked where it was taken from; all are asked whether that is right."""
 
@@ -103,8 +106,9 @@ class _Placing:
         mark = max(showing, key=lambda name: len(showing[name]))
         asked = showing[mark][:: 1 + len(showing[mark]) // _ASKED]
         T = [invert(self._pictures[each.picture]) @ T for each in asked for T in each.poses]
-        T_camera_body = np.stack([self._pictures[each.picture] for each in showing[mark]])
-        points, ideal, scale = _padded(showing[mark])
+        judges = showing[mark][:: 1 + len(showing[mark]) // _JUDGES]
+        T_camera_body = np.stack([self._pictures[each.picture] for each in judges])
+        points, ideal, scale = _padded(judges)
         off = [_disagreement(T_camera_body @ each, points, ideal, scale).sum() for each in T]
         self._marks[mark] = T[int(np.argmin(off))]
         return True

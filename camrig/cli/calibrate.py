@@ -5,6 +5,8 @@ from __future__ import annotations
 import typer
 
 from camrig.cli.calibrate_board import board
+from camrig.cli.calibrate_body import body
+from camrig.cli.calibrate_check import check
 from camrig.cli.calibrate_extrinsics import extrinsics
 from camrig.cli.calibrate_intrinsics import intrinsics
 from camrig.cli.lens_exchange import export_lens, import_lens
@@ -22,3 +24,5 @@ calibrate.command()(intrinsics)
 calibrate.command()(extrinsics)
 calibrate.command("import")(import_lens)
 calibrate.command("export")(export_lens)
+calibrate.command()(body)
+calibrate.command()(check)

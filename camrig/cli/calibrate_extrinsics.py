@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -20,7 +19,7 @@ from camrig.cli.calibration_pictures import Asked, listed_sizes_m, places_of, re
 from camrig.cli.console import people, print_json
 from camrig.cli.experiment_common import note
 from camrig.cli.extrinsics_answer import Answer
-from camrig.cli.extrinsics_changes import changes
+from camrig.cli.extrinsics_changes import changes, today
 from camrig.config.amend import amend_rig
 from camrig.config.rig_file import load_rig
 from camrig.errors import InputError, PartialError
@@ -206,11 +205,6 @@ def _words(moved: Sequence[Moved]) -> Iterator[str]:
             f"{what} before instant {each.instant}, by {each.by_px:.0f} px in {each.camera}'s pictures: "
             "only what was taken earlier is used"
         )
-
-
-def today() -> date:
-    """Return the date that ``calibrated`` bears."""
-    return datetime.now(tz=UTC).date()
 
 
 def _write(config: Path, answer: Answer, *, write: bool, anchors: bool) -> None:

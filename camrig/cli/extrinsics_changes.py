@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from datetime import date
+from datetime import UTC, date, datetime
 
 from camrig.cli.extrinsics_answer import Answer, rpy_deg, without_optical
 from camrig.config.document import KeyPath
@@ -30,7 +30,7 @@ def changes(answer: Answer, today: date, *, anchors: bool) -> dict[KeyPath, obje
     for name, base in answer.found.bases.items():
         mount = answer.rig.cameras[name].mount
         assert isinstance(mount, HeadMount)
-        found["heads", mount.head, "position_m"] = _metres(base.T)
+        found["heads", mount.head, "position_m"] = metres(base.T)
         found["heads", mount.head, "rpy_deg"] = rpy_deg(base.T[:3, :3])
         found["cameras", name, "calibrated"] = today
     for name, mount_found in answer.found.mounts.items():
@@ -40,15 +40,21 @@ def changes(answer: Answer, today: date, *, anchors: bool) -> dict[KeyPath, obje
 
 def pose_of(T: Transform) -> dict[str, object]:
     """Return a pose as the file has it."""
-    return {"position_m": _metres(T), "rpy_deg": rpy_deg(T[:3, :3])}
+    return {"position_m": metres(T), "rpy_deg": rpy_deg(T[:3, :3])}
 
 
 def _fixed(T: Transform) -> dict[str, object]:
     pan, tilt, roll = (round(math.degrees(angle), 4) for angle in look_of(T[:3, :3]))
-    return {"position_m": _metres(T), "pan_deg": pan, "tilt_deg": tilt, "roll_deg": roll}
+    return {"position_m": metres(T), "pan_deg": pan, "tilt_deg": tilt, "roll_deg": roll}
 
 
-def _metres(T: Transform) -> list[float]:
+def today() -> date:
+    """Return the date that ``calibrated`` bears."""
+    return datetime.now(tz=UTC).date()
+
+
+def metres(T: Transform) -> list[float]:
+    """Return a position as the file has it."""
     return [round(float(value), 5) for value in T[:3, 3]]
 
 

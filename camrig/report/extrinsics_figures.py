@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
+from camrig.geometry.pnp import TAG_CORNERS
 
 _LOOK = 0.12
 """Length of a camera's view in the picture, over the picture's width."""
@@ -116,3 +117,23 @@ class ViewGraph:
         axes.set_ylim(-1.5, 1.5)
         axes.set_aspect("equal")
         axes.axis("off")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyPicture:
+    """The tags of a body by name: ``T_body_tag`` and size in metres."""
+
+    tags: Mapping[str, tuple[Transform, float]]
+
+    def draw(self, figure: Any) -> None:
+        """Draw it from above, from the front (-y) and from the side (x), in mm."""
+        for at, (first, second, words) in enumerate([(0, 1, "x, y"), (0, 2, "x, z"), (1, 2, "y, z")]):
+            axes = figure.add_subplot(1, 3, at + 1)
+            for k, (name, (T, size_m)) in enumerate(self.tags.items()):
+                corners = 1e3 * (size_m * np.vstack([TAG_CORNERS, TAG_CORNERS[:1]]) @ T[:3, :3].T + T[:3, 3])
+                axes.plot(corners[:, first], corners[:, second], color=f"C{k % 10}", linewidth=1.2)
+                middle = (1e3 * T[first, 3], 1e3 * T[second, 3])
+                axes.annotate(name.rpartition(":")[2], middle, ha="center", va="center", fontsize=7, color=f"C{k % 10}")
+            axes.set_title(words)
+            axes.set_aspect("equal", adjustable="datalim")
+            axes.grid(visible=True, linewidth=0.4)

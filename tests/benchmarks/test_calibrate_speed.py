@@ -48,13 +48,13 @@ def scene(instants: int, seed: int = 0) -> tuple[TagViews, Array]:
     chains = Chains(camera[:, None], np.stack([CAMERAS + instant, CAMERAS + instants + tag], axis=1))
     corners = np.tile(SIZE_M * TAG_CORNERS, (len(camera), 1, 1))
     pixels = LENS.project(points_in_camera(T, chains, corners))
-    seen = np.isfinite(pixels).all(axis=(1, 2))
+    seen = np.asarray(np.isfinite(pixels).all(axis=(1, 2)))
     pixels += rng.normal(size=pixels.shape) * NOISE_PX
     return TagViews(camera, chains, corners, pixels, np.full((len(camera), 4), NOISE_PX)).only(seen), T
 
 
 def adjusted_s(instants: int) -> tuple[float, int, float]:
-    """Return the processor's seconds, the views, and the rms in pixels, from a start a centimetre and half a degree off."""
+    """Return the processor's seconds, the views, and the rms in pixels; the start is a centimetre off."""
     views, T = scene(instants)
     rng = np.random.default_rng(1)
     held = np.zeros(len(T), dtype=bool)
@@ -73,7 +73,7 @@ def test_eight_cameras_sixty_tags_two_hundred_instants(benchmark: BenchmarkFixtu
     adjusted_s(2)  # loads and compiles
     few = [adjusted_s(50) for _ in range(2)]
     many = [adjusted_s(200) for _ in range(2)]
-    benchmark.pedantic(adjusted_s, args=(200,), rounds=1)
+    benchmark.pedantic(adjusted_s, args=(200,), rounds=1)  # type: ignore[no-untyped-call]
     per_view = [min(s / views for s, views, _ in of) for of in (few, many)]
     benchmark.extra_info |= {"views": many[0][1], "growth": per_view[1] / per_view[0]}
     assert many[0][1] > 0.9 * CAMERAS * TAGS * 200
@@ -93,6 +93,6 @@ def test_the_same_from_nothing(benchmark: BenchmarkFixture) -> None:
     all_shots = [Shot(f"cam{camera}", instant, corners) for (camera, instant), corners in shots.items()]
     sizes = dict.fromkeys({tag for shot in all_shots for tag in shot.corners_px}, SIZE_M)
     setup = Setup({f"cam{k}": LENS for k in range(CAMERAS)}, sizes)
-    found = benchmark.pedantic(extrinsics, args=(all_shots, setup), rounds=1)
+    found = benchmark.pedantic(extrinsics, args=(all_shots, setup), rounds=1)  # type: ignore[no-untyped-call]
     assert found.unplaced == ()
     assert found.noise_px == pytest.approx(NOISE_PX, rel=0.02)
