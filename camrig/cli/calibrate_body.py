@@ -10,7 +10,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from camrig.calibrate.body import Layout, layout
 from camrig.calibrate.judge import loose_marks
@@ -204,7 +204,7 @@ class _Answer:
 
     def print(self) -> None:
         """Print the table, and what is amiss."""
-        table = Table(*COLUMNS, title=f"Tags of {self.body.id}")
+        table = Table(Column(COLUMNS[0], no_wrap=True), *COLUMNS[1:], title=f"Tags of {self.body.id}")
         for row in self.rows():
             table.add_row(*row)
         results.print(table)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import date
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from camrig.calibrate.fit_now import FitNow, Off, fit_now, stations
 from camrig.calibrate.setup import OnHead, Setup
@@ -86,7 +86,7 @@ def check(
         shots, faults = read_shots(rig_config, Asked(places_of(from_images, rig), {}, stamps), hidden=as_json)
     else:
         shots, faults = rig_shots(rig_config, hidden=as_json)
-    answer = _Answer(rig, _fits(rig, shots), today())
+    answer = _Answer(rig, _fits(rig, shots, at_once=bool(from_images)), today())
     if as_json:
         print_json(answer.as_json())
     else:
@@ -99,14 +99,16 @@ def check(
         raise PartialError("\n".join([*red, *faults]))
 
 
-def _fits(rig: Rig, shots: Sequence[Shot]) -> tuple[FitNow, Setup]:
-    """Compare all that can be compared; raises InputError where that is nothing."""
+def _fits(rig: Rig, shots: Sequence[Shot], *, at_once: bool) -> tuple[FitNow, Setup]:
+    """Compare all that can be compared: of what moves only what cameras saw ``at_once``.
+
+    Raises InputError where that is nothing.
+    """
     sizes_m = listed_sizes_m(rig)
-    shots = [
-        Shot(s.camera_id, s.instant, {tag: px for tag, px in s.corners_px.items() if tag in sizes_m}, {}, s.aim_rad)
-        for s in shots
-    ]
     anchors = {str(anchor.key): anchor.T_world_tag for anchor in rig.anchors}
+    told = stillness(shots, frozenset(anchors))
+    used = sizes_m.keys() - (set() if at_once else told.carried)
+    shots = [replace(s, corners_px={tag: px for tag, px in s.corners_px.items() if tag in used}) for s in shots]
     bases: dict[str, Transform] = {}
     heads: dict[str, OnHead] = {}
     aimed = {shot.camera_id for shot in shots if shot.aim_rad is not None}
@@ -120,7 +122,7 @@ def _fits(rig: Rig, shots: Sequence[Shot]) -> tuple[FitNow, Setup]:
                 heads[name] = OnHead(axes.T_arm_tilt, T_mount_camera, sigma_rad)
     if not bases:
         raise InputError("no picture is of a camera whose place is known: fixed, or on a head that said its angles")
-    still = stillness(shots, frozenset(anchors)).still - anchors.keys()
+    still = told.still - anchors.keys()
     lenses = {name: rig.cameras[name].lens for name in bases}
     setup = Setup(lenses, sizes_m, anchors, dict.fromkeys(still, ROOM), heads)
     return fit_now(shots, setup, stations(shots, setup, bases)), setup
@@ -165,7 +167,9 @@ class _Answer:
 
     def print(self) -> None:
         """Print the table and the reasons."""
-        table = Table(*COLUMNS, title=f"How the calibration of {self._rig.name} fits now")
+        table = Table(
+            Column(COLUMNS[0], no_wrap=True), *COLUMNS[1:], title=f"How the calibration of {self._rig.name} fits now"
+        )
         colours = {Verdict.GREEN: "green", Verdict.AMBER: "yellow", Verdict.RED: "red"}
         for row, each in zip(self.rows(), self.cameras.values(), strict=True):
             table.add_row(*row, style=colours[each.verdict])

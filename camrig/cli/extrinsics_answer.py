@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 
 import numpy as np
-from rich.table import Table
+from rich.table import Column, Table
 
 from camrig.calibrate.extrinsics import Extrinsics, Uncertain
 from camrig.calibrate.judge import missing_links
@@ -124,7 +124,15 @@ class Answer:
         """Print the table, and what was noticed."""
         first = next(iter(self.found.placed_cameras))
         world = "Cameras in the world" if self.in_world else f"Cameras as {first} sees them: nothing says where that is"
-        table = Table("camera", "position m", "± mm", "pan, tilt, roll deg", "± deg", "file off by", title=world)
+        table = Table(
+            Column("camera", no_wrap=True),
+            "position m",
+            "± mm",
+            "pan, tilt, roll deg",
+            "± deg",
+            "file off by",
+            title=world,
+        )
         for name in self.found.placed_cameras:
             each = self.placed(name)
             table.add_row(

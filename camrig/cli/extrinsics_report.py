@@ -25,6 +25,7 @@ def page(answer: Answer, made: str) -> CalibrationReport:
     }
     residuals = {name: found.of_camera(name) for name in found.placed_cameras}
     sizes = {name: answer.setup.lenses[name].size_px for name in residuals}
+    arrows = Residuals(residuals, sizes)
     sections = (
         _cameras(answer),
         Drawing(
@@ -38,9 +39,9 @@ def page(answer: Answer, made: str) -> CalibrationReport:
         ),
         Drawing(
             "Residuals",
-            Residuals(residuals, sizes).draw,
+            arrows.draw,
             (8.0, 2.6 * -(-len(residuals) // 3)),
-            "From where corners were seen to where they should be, 100 times as long.",
+            f"From where corners were seen to where they should be, {arrows.enlarged:.0f} times as long.",
         ),
         _marks(answer),
     )

@@ -14,6 +14,9 @@ from camrig.geometry.pnp import TAG_CORNERS
 _LOOK = 0.12
 """Length of a camera's view in the picture, over the picture's width."""
 
+_ARROW = 0.05
+"""Of a picture's width the median residual is drawn at most so long."""
+
 _MOST_ARROWS = 600
 
 
@@ -68,10 +71,16 @@ class Residuals:
 
     of_camera: Mapping[str, Array]
     size_px: Mapping[str, tuple[int, int]]
-    enlarged: float = 100.0
+
+    @property
+    def enlarged(self) -> float:
+        """Return how many times as long as they are arrows are drawn: a power of ten."""
+        lengths = np.concatenate([np.linalg.norm(rows[:, 2:], axis=1) for rows in self.of_camera.values()])
+        widest = max(width for width, _ in self.size_px.values())
+        return float(10.0 ** np.floor(np.log10(_ARROW * widest / max(float(np.median(lengths)), 1e-6))))
 
     def draw(self, figure: Any) -> None:
-        """Draw arrows over each camera's picture, ``enlarged`` times as long as they are."""
+        """Draw arrows over each camera's picture."""
         names = list(self.of_camera)
         columns = min(len(names), 3)
         for k, name in enumerate(names):

@@ -257,3 +257,13 @@ def test_old_and_blind_cameras_are_amber(taken: Path, rig_yaml: Path, capsys: py
     assert "was calibrated" in found["cameras"]["west"]["reasons"][0]
     assert "nothing tells how it fits" in found["cameras"]["east"]["reasons"][0]
     assert found["not_checked"] == ["north"]
+
+
+def test_a_running_rigs_own_cameras_are_looked_through_and_nothing_moves(capsys: pytest.CaptureFixture[str]) -> None:
+    """The demo's emulated rig: three heads that say their angles, robots that move, a drone that is not asked."""
+    check(Path("configs/demo.yaml"), as_json=True)
+    found = said(capsys)
+    assert found["verdict"] == "green", found["reasons"]
+    assert set(found["cameras"]) == {"west", "east", "south"}
+    assert found["not_checked"] == ["sky"]
+    assert all(each["anchors"] >= 3 for each in found["cameras"].values())
