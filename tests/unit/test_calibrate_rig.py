@@ -209,6 +209,20 @@ def test_one_measured_length_says_how_large_all_tags_are() -> None:
     assert scaled.misfits[0].found_m == pytest.approx(1.8, rel=1e-4)
 
 
+def test_a_wand_says_how_large_all_tags_are() -> None:
+    """A bar with a tag at either end, carried past two cameras; only how far apart these are is known."""
+    shots = [replace(s, corners_px={n: px for n, px in s.corners_px.items() if n in ("b0", "b3")}) for s in rig(6, 20)]
+    wrong = replace(setup(("west", "east"), anchors=0), sizes_m=dict.fromkeys(SIZES_M, 0.1))
+    length = Length("b0", "b3", 0.2 * np.sqrt(2.0))
+    scaled = with_lengths([s for s in shots if s.camera_id != "head"], wrong, [length], boards=False)
+    assert scaled.factor == pytest.approx(SIZE_M / 0.1, rel=5e-3)
+    apart = [
+        np.linalg.norm(T["west"][:3, 3] - T["east"][:3, 3])
+        for T in ({name: pose.T for name, pose in scaled.found.cameras.items()}, FIXED)
+    ]
+    assert apart[0] == pytest.approx(apart[1], rel=5e-3)
+
+
 def test_between_anchors_a_length_is_only_compared() -> None:
     scaled = with_lengths(rig(1), setup(), [Length("r0", "r3", 1.9)], boards=False)
     assert scaled.factor is None
