@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -40,7 +40,9 @@ class Poses:
         for name, T in links.T_world_base.items():
             self._add(("base", name, 0), T, free[name])
             if name in setup.heads:
-                self._add_head(name, setup.heads[name], stops(shots, name))
+                seen_at = {each.picture.stop for each in sighted if each.picture.camera == name}
+                aims = {k: aim_rad for k, aim_rad in enumerate(stops(shots, name)) if k in seen_at}
+                self._add_head(name, setup.heads[name], aims)
         seen = list(dict.fromkeys((setup.body_of(each.mark), each.mark) for each in sighted))
         nodes = {(setup.body_of(each.mark), each.picture.instant) for each in sighted}
         for body, instant in sorted(nodes):
@@ -79,8 +81,8 @@ class Poses:
         self._held.append(not free)
         return self._place[key]
 
-    def _add_head(self, name: str, head: OnHead, aims: Sequence[tuple[float, float]]) -> None:
-        for k, aim_rad in enumerate(aims):
+    def _add_head(self, name: str, head: OnHead, aims: Mapping[int, tuple[float, float]]) -> None:
+        for k, aim_rad in aims.items():
             stop = self._add(("stop", name, k), head.T_base_mount(aim_rad), True)
             self._priors.append((stop, head.information(aim_rad)))
         mount = self._add(("mount", name, 0), head.T_mount_camera, head.find_mount)

@@ -137,6 +137,9 @@ def test_aims_off_are_those_that_the_head_kept_to_itself() -> None:
     ]
     found = extrinsics(shots, setup(("head",), anchors=8))
     assert found.aims_off_deg["head"] == pytest.approx(np.degrees(off), abs=0.03)
+    blind = Shot("head", 99, {}, aim_rad=(-1.0, 0.0))
+    again = extrinsics([blind, *shots], setup(("head",), anchors=8))
+    assert again.aims_off_deg["head"] == pytest.approx(found.aims_off_deg["head"])
 
 
 def test_what_stands_and_what_is_carried_is_told_by_the_pictures() -> None:
