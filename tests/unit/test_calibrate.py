@@ -155,9 +155,9 @@ def test_anchors_put_cameras_in_the_world() -> None:
             pixels = {
                 tag: lens.project(apply(invert(cameras[name]) @ T, SIZE_M * TAG_CORNERS)) for tag, T in places.items()
             }
-            seen = {
+            seen = [
                 tag for tag, px in pixels.items() if np.isfinite(px).all() and (name == "left" or tag not in anchors)
-            }
+            ]
             shots.append(Shot(name, k, {tag: pixels[tag] + rng.normal(size=(4, 2)) * NOISE_PX for tag in seen}))
     found = extrinsics(shots, Setup(LENSES, dict.fromkeys((*board, *anchors), SIZE_M), anchors))
     assert found.anchored
