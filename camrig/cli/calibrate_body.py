@@ -32,8 +32,8 @@ from camrig.rig import Body, Rig
 FEW_PICTURES = 5
 """A tag that was seen together with another one less often is tied loosely."""
 
-NOISY_PX = 1.0
-"""Corners that miss by more, one sigma, are not those of a stiff body and a right lens."""
+NOISY_PX, USELESS_PX = 1.0, 3.0
+"""Corners that miss by more, one sigma, are not those of a stiff body and a right lens, or say nothing."""
 
 UNSURE_MM, UNSURE_DEG = 5.0, 1.0
 """A tag known no better than this says little about where its body is."""
@@ -72,7 +72,7 @@ def body(
 
     One camera suffices; where it is does not matter, and either may move between pictures. The tag that the target's
     frame hangs on stays as the file has it, all others are found. Exit code 4 where a tag or a picture could not be
-    used; nothing is written without `--write`.
+    used, or the result is of no use. Nothing is written without `--write`.
     """
     rig_config = load_rig(config)
     rig = rig_config.rig
@@ -97,12 +97,14 @@ def body(
         answer.print()
     if report is not None:
         write_report(report, answer.report(f"camrig calibrate body {config} {target}"))
-    if write:
+    bad = [f"{tag} is never in a picture with another placed tag: show both at once" for tag in answer.unplaced]
+    if not answer.is_usable:
+        bad.append(f"this is not fit for use{', nothing was written' if write else ''}: see the warnings")
+    elif write:
         amend_rig(config, answer.changes())
         note(f"{config} has the new places of {target}'s tags; the former file is beside it")
-    lost = [f"{tag} is never in a picture with another placed tag: show both at once" for tag in answer.unplaced]
-    if faults or lost:
-        raise PartialError("\n".join([*lost, *faults]))
+    if faults or bad:
+        raise PartialError("\n".join([*bad, *faults]))
 
 
 def _sizes_m(rig: Rig, of: Body, seen: set[str], *, add: bool, tag_size_m: float | None) -> dict[str, float]:
@@ -129,6 +131,11 @@ class _Answer:
     layout: Layout
     held: str
     unlisted: tuple[str, ...]
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether what was placed can be used at all."""
+        return self.layout.found.noise_px <= USELESS_PX
 
     @cached_property
     def unplaced(self) -> tuple[str, ...]:
@@ -179,7 +186,7 @@ class _Answer:
 
     def verdict(self) -> tuple[Verdict, list[str]]:
         """Return green, amber or red, and why."""
-        if self.unplaced or self.layout.found.noise_px > 3.0 * NOISY_PX:
+        if self.unplaced or not self.is_usable:
             lost = [f"{tag} is not placed" for tag in self.unplaced]
             return Verdict.RED, [*lost, *self.warnings]
         if self.warnings:

@@ -93,10 +93,10 @@ def check(
         answer.print()
     if report is not None:
         write_report(report, answer.report(f"camrig calibrate check {config}"))
-    bad = {name: each for name, each in answer.cameras.items() if each.verdict is Verdict.RED}
-    red = [f"{name}: {reason}" for name, each in bad.items() for reason in each.reasons]
+    red = [name for name, each in answer.cameras.items() if each.verdict is Verdict.RED]
+    words = [f"the calibration does not fit: {', '.join(red)}"] if red else []
     if red or faults:
-        raise PartialError("\n".join([*red, *faults]))
+        raise PartialError("\n".join([*words, *faults]))
 
 
 def _fits(rig: Rig, shots: Sequence[Shot], *, at_once: bool) -> tuple[FitNow, Setup]:

@@ -51,7 +51,7 @@ def extrinsics(
     keep: Annotated[
         str | None, typer.Option(metavar="CAMERA", help="Without anchors: the camera that stays where the file has it.")
     ] = None,
-    mounts: Annotated[bool, typer.Option(help="Find how cameras sit on their heads, too.")] = False,
+    mounts: Annotated[bool, typer.Option("--mounts", help="Find how cameras sit on their heads, too.")] = False,
     stamps: Annotated[
         Path | None, typer.Option(metavar="CSV", help="When pictures were taken: columns camera, stamp_s, in order.")
     ] = None,
@@ -66,7 +66,8 @@ def extrinsics(
     `--origin` or `--keep` say where the world is. Pictures of one instant bear the same number, the last in their
     file's name; of a video the number of the frame counts; `--stamps` goes before both. A head may stand at several
     aims, which the names of its camera's pictures say: `north-012_pan+030.0_tilt-045.0.png`. Cameras on drones have
-    no place. Exit code 4 where a camera or a picture could not be used; nothing is written without `--write`.
+    no place. Exit code 4 where a camera or a picture could not be used, or the result is of no use. Nothing is written
+    without `--write`.
     """
     rig_config = load_rig(config)
     rig = rig_config.rig
@@ -92,10 +93,14 @@ def extrinsics(
         from camrig.report.calibration import write_report  # noqa: PLC0415 - draws, which takes its time to load
 
         write_report(report, answer.report(f"camrig calibrate extrinsics {config}"))
-    _write(config, answer, write=write, anchors=anchors)
-    lost = list(answer.lost())
-    if faults or lost:
-        raise PartialError("\n".join([*lost, *faults]))
+    bad = list(answer.lost())
+    if not answer.is_usable:
+        bad.append(f"this is not fit for use{', nothing was written' if write else ''}: see the warnings")
+    elif write:
+        amend_rig(config, changes(answer, today(), anchors=anchors))
+        note(f"{config} has the new places of {', '.join(answer.found.placed_cameras)}; the former file is beside it")
+    if faults or bad:
+        raise PartialError("\n".join([*bad, *faults]))
 
 
 def _boards(words: Sequence[str]) -> dict[str, Board]:
@@ -205,11 +210,3 @@ def _words(moved: Sequence[Moved]) -> Iterator[str]:
             f"{what} before instant {each.instant}, by {each.by_px:.0f} px in {each.camera}'s pictures: "
             "only what was taken earlier is used"
         )
-
-
-def _write(config: Path, answer: Answer, *, write: bool, anchors: bool) -> None:
-    if not write:
-        return
-    new = changes(answer, today(), anchors=anchors)
-    amend_rig(config, new)
-    note(f"{config} has the new places of {', '.join(answer.found.placed_cameras)}; the former file is beside it")

@@ -68,6 +68,11 @@ class Answer:
         """Whether something says where the world is."""
         return self.found.anchored or bool(self.setup.kept)
 
+    @property
+    def is_usable(self) -> bool:
+        """Whether what was placed can be used at all."""
+        return self.found.noise_px <= USELESS_PX
+
     @cached_property
     def missing(self) -> list[tuple[str, str]]:
         """Which camera that hangs on nothing should see something together with which other."""
@@ -93,7 +98,7 @@ class Answer:
     def verdict(self) -> tuple[Verdict, list[str]]:
         """Return green, amber or red, and why."""
         lost = list(self.lost())
-        if lost or self.found.noise_px > USELESS_PX:
+        if lost or not self.is_usable:
             return Verdict.RED, [*lost, *self.warnings]
         if self.warnings:
             return Verdict.AMBER, list(self.warnings)

@@ -48,7 +48,7 @@ def _loose(loose: Loose) -> str:
     if loose.instant is not None:
         when = f" from instant {loose.instant} on" if loose.since else f" before instant {loose.instant}"
     share = f"{100.0 * loose.share:.0f} % of its corners are elsewhere"
-    return f"{loose.mark} does not keep its place{when}: {share}; leave it out"
+    return f"{loose.mark} does not keep its place{when}: {share}; leave it out, or is its size another?"
 
 
 def _ties(found: Extrinsics, setup: Setup) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from datetime import UTC, datetime
 from pathlib import Path
@@ -161,6 +162,14 @@ def test_a_floor_tag_and_a_tape_measure_are_enough(
         )
 
 
+def test_what_does_not_fit_is_red_and_not_written(taken: Path, rig_yaml: Path) -> None:
+    """Pictures that are not of one instant, as if they were."""
+    places = [f"west={taken / 'west'}", f"east={taken / 'robot'}"]
+    with pytest.raises(PartialError, match="this is not fit for use, nothing was written"):
+        extrinsics(rig_yaml, places, tag_size_m=TAG_M, write=True)
+    assert rig_yaml.read_text() == RIG
+
+
 def test_nothing_is_written_where_nothing_says_where_the_world_is(taken: Path, rig_yaml: Path) -> None:
     rig_yaml.write_text(RIG[: RIG.index("anchors:")])
     with pytest.raises(InputError, match="nothing says where the world is, so nothing is written"):
@@ -238,9 +247,11 @@ def test_a_calibration_that_fits_is_green_and_one_that_does_not_is_red(
     assert found["cameras"]["west"]["shared"] > 0
     assert found["cameras"]["north"]["anchors"] == 2
     rig_yaml.write_text(RIG)
-    with pytest.raises(PartialError, match=r"west: anchors have it .* elsewhere: camrig calibrate extrinsics"):
+    with pytest.raises(PartialError, match="the calibration does not fit: west, east, north"):
         check(rig_yaml, three, as_json=True)
-    assert said(capsys)["verdict"] == "red"
+    found = said(capsys)
+    assert found["verdict"] == "red"
+    assert re.search(r"anchors have it \d+ mm .* elsewhere: camrig calibrate extrinsics", found["reasons"][0])
 
 
 def test_old_and_blind_cameras_are_amber(taken: Path, rig_yaml: Path, capsys: pytest.CaptureFixture[str]) -> None:
