@@ -18,7 +18,7 @@ from camrig.cli.calibration_pictures import Asked, places_of, read_shots
 from camrig.cli.console import people, print_json, results
 from camrig.cli.experiment_common import note
 from camrig.cli.extrinsics_answer import rpy_deg
-from camrig.cli.extrinsics_changes import metres, pose_of, today
+from camrig.cli.extrinsics_changes import in_words, metres, pose_of, tell_unwritten, today
 from camrig.config.amend import amend_rig
 from camrig.config.document import KeyPath
 from camrig.config.rig_file import load_rig
@@ -92,7 +92,7 @@ def body(
     with people.status("placing tags"):
         answer = _Answer(of, layout(shots, lenses, sizes_m, (held, listed[held])), held, tuple(others))
     if as_json:
-        print_json(answer.as_json())
+        print_json({**answer.as_json(), "changes": in_words(answer.changes())})
     else:
         answer.print()
     if report is not None:
@@ -103,6 +103,8 @@ def body(
     elif write:
         amend_rig(config, answer.changes())
         note(f"{config} has the new places of {target}'s tags; the former file is beside it")
+    elif not as_json:
+        tell_unwritten(answer.changes())
     if faults or bad:
         raise PartialError("\n".join([*bad, *faults]))
 

@@ -19,7 +19,7 @@ from camrig.cli.calibration_pictures import Asked, listed_sizes_m, places_of, re
 from camrig.cli.console import people, print_json
 from camrig.cli.experiment_common import note
 from camrig.cli.extrinsics_answer import Answer
-from camrig.cli.extrinsics_changes import changes, today
+from camrig.cli.extrinsics_changes import changes, in_words, tell_unwritten, today
 from camrig.config.amend import amend_rig
 from camrig.config.rig_file import load_rig
 from camrig.errors import InputError, PartialError
@@ -76,6 +76,8 @@ def extrinsics(
     lengths = [_length(each) for each in length or ()]
     _refuse(rig, places, origin=origin, keep=keep, tag_size_m=tag_size_m)
     shots, faults = read_shots(rig_config, Asked(places, boards, stamps), hidden=as_json)
+    if origin and not any(origin in shot.corners_px for shot in shots):
+        raise InputError(f"--origin {origin}: no picture shows it whole")
     sizes_m = _sizes_m(config, rig, shots, tag_size_m, lengths)
     known = frozenset({origin} if origin else {str(anchor.key) for anchor in rig.anchors})
     sorted_out = stillness(shots, known)
@@ -85,8 +87,9 @@ def extrinsics(
     with people.status("placing cameras"):
         placed = with_lengths(shots, setup, lengths, bool(boards))
     answer = Answer(rig, placed, tuple(_words(sorted_out.moved)), tuple(places))
+    new = changes(answer, today(), anchors=anchors) if answer.in_world or write else {}
     if as_json:
-        print_json(answer.as_json())
+        print_json({**answer.as_json(), "changes": in_words(new)})
     else:
         answer.print()
     if report is not None:
@@ -97,8 +100,10 @@ def extrinsics(
     if not answer.is_usable:
         bad.append(f"this is not fit for use{', nothing was written' if write else ''}: see the warnings")
     elif write:
-        amend_rig(config, changes(answer, today(), anchors=anchors))
+        amend_rig(config, new)
         note(f"{config} has the new places of {', '.join(answer.found.placed_cameras)}; the former file is beside it")
+    elif new and not as_json:
+        tell_unwritten(new)
     if faults or bad:
         raise PartialError("\n".join([*bad, *faults]))
 

@@ -80,9 +80,18 @@ class Answer:
         return missing_links(self.asked, self.found.shared, places_m)
 
     @cached_property
+    def placeless(self) -> tuple[str, ...]:
+        """The placed cameras of which the file can say no place: on heads, by pictures that say no aim, or in hands."""
+        return tuple(name for name in self.found.cameras if not isinstance(self.rig.cameras[name].mount, FixedMount))
+
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What is amiss, and what to do."""
-        return (*self.noticed, *warnings_of(self.scaled, in_world=self.in_world))
+        placeless = (
+            f"{name} is not fixed, and its pictures do not say where its head pointed: its place is not for the file"
+            for name in self.placeless
+        )
+        return (*self.noticed, *warnings_of(self.scaled, in_world=self.in_world), *placeless)
 
     def lost(self) -> Iterator[str]:
         """Yield a sentence for each camera that was not placed."""

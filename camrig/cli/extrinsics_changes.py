@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import UTC, date, datetime
 
+from camrig.cli.console import people
 from camrig.cli.extrinsics_answer import Answer, rpy_deg, without_optical
 from camrig.config.document import KeyPath
 from camrig.errors import InputError
 from camrig.geometry.arrays import Transform
 from camrig.geometry.pan_tilt import look_of
-from camrig.rig import FixedMount, HeadMount, TagKey
+from camrig.rig import HeadMount, TagKey
 
 
 def changes(answer: Answer, today: date, *, anchors: bool) -> dict[KeyPath, object]:
     """Return the values to set by where they are.
 
-    Raises InputError where nothing says where the world is, or what a camera hangs on has no place in the file.
+    Raises InputError where nothing says where the world is.
     """
     if not answer.in_world:
         raise InputError("nothing says where the world is, so nothing is written: see an anchor, --origin or --keep")
     found: dict[KeyPath, object] = {}
     for name, pose in answer.found.cameras.items():
-        if not isinstance(answer.rig.cameras[name].mount, FixedMount):
-            raise InputError(f"{name} is not fixed: its pictures do not say where its head pointed; nothing is written")
-        found["cameras", name, "mount", "fixed"] = _fixed(pose.T)
-        found["cameras", name, "calibrated"] = today
+        if name not in answer.placeless:
+            found["cameras", name, "mount", "fixed"] = _fixed(pose.T)
+            found["cameras", name, "calibrated"] = today
     for name, base in answer.found.bases.items():
         mount = answer.rig.cameras[name].mount
         assert isinstance(mount, HeadMount)
@@ -36,6 +37,20 @@ def changes(answer: Answer, today: date, *, anchors: bool) -> dict[KeyPath, obje
     for name, mount_found in answer.found.mounts.items():
         found["cameras", name, "mount", "T_mount_camera"] = pose_of(without_optical(mount_found.T))
     return found | (dict(_anchors(answer)) if anchors else {})
+
+
+def in_words(new: Mapping[KeyPath, object]) -> dict[str, object]:
+    """Return changes by their places as people and JSON name them: ``cameras.west.mount.fixed``."""
+    return {
+        ".".join(map(str, path)): value.isoformat() if isinstance(value, date) else value for path, value in new.items()
+    }
+
+
+def tell_unwritten(new: Mapping[KeyPath, object]) -> None:
+    """Say what ``--write`` would set."""
+    people.print("nothing was written; --write would set", highlight=False)
+    for place, value in in_words(new).items():
+        people.print(f"  {place}: {json.dumps(value)}", highlight=False, markup=False, soft_wrap=True)
 
 
 def pose_of(T: Transform) -> dict[str, object]:

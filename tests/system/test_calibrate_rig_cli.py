@@ -127,6 +127,7 @@ def test_cameras_and_heads_go_into_the_file_and_the_rest_of_it_stays(
     assert found["tags"]["tag36h11:8"]["board"] == "robot"
     assert np.abs(found["heads"]["pt1"]["aims_off_deg"]).max() < 0.3
     assert rig_yaml.read_text() == RIG
+    assert found["changes"]["cameras.west.mount.fixed"]["roll_deg"] == pytest.approx(5.0, abs=0.3)
     assert "Who is tied to whom" in page.read_text()
     extrinsics(rig_yaml, three, tag_size_m=TAG_M, write=True, anchors=True, as_json=True)
     assert former(rig_yaml).read_text() == RIG
@@ -162,6 +163,21 @@ def test_a_floor_tag_and_a_tape_measure_are_enough(
         )
 
 
+def test_a_head_that_says_no_aim_is_placed_as_it_stands_and_not_written(
+    taken: Path, rig_yaml: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    still = tmp_path / "still"
+    still.mkdir()
+    shutil.copy(next((taken / "north").glob("n-000*")), still / "n-000.png")
+    extrinsics(rig_yaml, [f"north={still}", *pictures(taken, "west")], tag_size_m=TAG_M, write=True, as_json=True)
+    found = said(capsys)
+    assert "north is not fixed, and its pictures do not say where its head pointed" in found["warnings"][-1]
+    pan_rad, tilt_rad = np.radians(AIMS_DEG[0])
+    T = HEAD.T_world_camera(pan_rad, tilt_rad, MOUNT)
+    assert np.linalg.norm(np.array(found["cameras"]["north"]["T_world_camera"])[:3, 3] - T[:3, 3]) < 0.01
+    assert not any("north" in place or "pt1" in place for place in found["changes"])
+
+
 def test_what_does_not_fit_is_red_and_not_written(taken: Path, rig_yaml: Path) -> None:
     """Pictures that are not of one instant, as if they were."""
     places = [f"west={taken / 'west'}", f"east={taken / 'robot'}"]
@@ -183,6 +199,7 @@ def test_nothing_is_written_where_nothing_says_where_the_world_is(taken: Path, r
         ({"length": ["tag36h11:100=2"]}, "write TAG-TAG=METRES"),
         ({"board": ["checkers:3x3"]}, "board 'checkers:3x3'"),
         ({"keep": "east", "origin": "tag36h11:100"}, "--origin and --keep both say"),
+        ({"origin": "tag36h11:5"}, "--origin tag36h11:5: no picture shows it whole"),
         ({"keep": "south"}, "--keep south: no pictures of it"),
         ({"tag_size_m": -1.0}, "must be above 0 and up to 5 m"),
         ({"stamps": Path("nowhere.csv")}, "nowhere.csv cannot be read"),
@@ -213,6 +230,8 @@ def test_tags_that_the_file_does_not_list_are_named_and_taken_if_asked(
     taken: Path, rig_yaml: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rig_yaml.write_text(RIG.replace("      - {id: 9, size_m: 0.12}\n", ""))
+    body(rig_yaml, "robot", [f"west={taken / 'robot'}"])
+    assert "--write would set\n  targets.robot.calibrated" in capsys.readouterr().err
     body(rig_yaml, "robot", [f"west={taken / 'robot'}"], as_json=True)
     assert "tag36h11:9: seen, and not listed in the file; with --add" in said(capsys)["warnings"][0]
     body(rig_yaml, "robot", [f"west={taken / 'robot'}"], add=True, tag_size_m=TAG_M, write=True)
