@@ -78,8 +78,9 @@ def test_a_stereo_pair_is_as_far_apart_as_it_is(shared_data: Path, tmp_path: Pat
 
 
 def test_four_cameras_are_placed_by_a_board_in_a_hand(shared_data: Path, tmp_path: Path) -> None:
-    """Lenses given. Pictures go together by their stamps. Baselines within 1 %, rotations within 0.5 deg; corners that
-    are placed in space by our cameras miss by no more than by the other program's, of the same corners.
+    """Lenses given. Pictures go together by their stamps. Baselines within 1 %, rotations within 0.5 deg; corners of the
+    board's front that cameras place in space miss by 0.27 px, the other program's figure (median), and by less than by
+    its cameras. One camera sees the back, printed not quite behind the front: with it all are further off.
     """
     folder = shared_data / "images" / "caliscope_4cam_charuco"
     reference = json.loads((folder / "expected_extrinsics.json").read_text())["cameras"]
@@ -115,9 +116,11 @@ def test_four_cameras_are_placed_by_a_board_in_a_hand(shared_data: Path, tmp_pat
         lengths = [float(np.linalg.norm(T[:3, 3])) for T in (ours_ab, theirs_ab)]
         assert lengths[0] == pytest.approx(lengths[1], rel=0.01)
         assert turned_deg(ours_ab[:3, :3], theirs_ab[:3, :3]) < 0.5
-    misses = [
-        np.linalg.norm(agreement(found.sighted, of_rig, {(name, 0): T[name] for name in T}).residual_px, axis=1)
-        for T in (ours_T, theirs_T)
-    ]
-    assert len(misses[0]) > 1500
-    assert np.median(misses[0]) <= np.median(misses[1])
+    for front, bar_px in ((("cam0", "cam2", "cam3"), 0.27), (tuple(lenses), 0.4)):
+        ours, theirs = (
+            np.linalg.norm(agreement(found.sighted, of_rig, {(name, 0): T[name] for name in front}).residual_px, axis=1)
+            for T in (ours_T, theirs_T)
+        )
+        assert len(ours) > 1000
+        assert np.median(ours) <= bar_px
+        assert np.median(ours) <= np.median(theirs)
