@@ -138,7 +138,7 @@ class _Camera:
         lens = self.config.rig.cameras[self.name].lens
         frame = Frame(self.name, image, 0.0, instant, stamp_known=False, source=about)
         found = detect_tags(frame, self.detector, RealClock().now_s, lens=lens if self.config.refine else None)
-        views = {name: (board, find_board(image, board)) for name, board in self.boards.items()}
+        views = {name: (board, find_board(image, board, self.detector)) for name, board in self.boards.items()}
         seen = {
             name: SeenBoard(board.points_m[view.ids], view.corners_px)
             for name, (board, view) in views.items()
