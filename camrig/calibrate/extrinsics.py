@@ -102,7 +102,9 @@ def extrinsics(shots: Sequence[Shot], setup: Setup) -> Extrinsics:
     """
     seen = sighted(shots, setup.lenses, setup.sizes_m, setup.still)
     if not seen:
-        raise InputError("no camera shows a tag within the part of its picture for which its lens is calibrated")
+        raise InputError(
+            "no camera shows a tag or a board within the part of its picture for which its lens is calibrated"
+        )
     links = Links(setup, shots, seen)
     used = tuple(each for each in seen if links.is_placed(each))
     links.keep({each.picture.camera for each in used})

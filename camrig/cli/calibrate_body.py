@@ -96,7 +96,7 @@ def body(
     else:
         answer.print()
     if report is not None:
-        write_report(report, answer.report(f"camrig calibrate body {config} {target}"))
+        write_report(report, answer.report(f"camrig calibrate body {config} {target}, {today()}"))
     bad = [f"{tag} is never in a picture with another placed tag: show both at once" for tag in answer.unplaced]
     if not answer.is_usable:
         bad.append(f"this is not fit for use{', nothing was written' if write else ''}: see the warnings")

@@ -92,7 +92,7 @@ def check(
     else:
         answer.print()
     if report is not None:
-        write_report(report, answer.report(f"camrig calibrate check {config}"))
+        write_report(report, answer.report(f"camrig calibrate check {config}, {today()}"))
     red = [name for name, each in answer.cameras.items() if each.verdict is Verdict.RED]
     words = [f"the calibration does not fit: {', '.join(red)}"] if red else []
     if red or faults:

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from camrig.calibrate.boards import Board, parse_board
+from camrig.calibrate.boards import Board, board_word, parse_board
 from camrig.calibrate.scale import Length, with_lengths
 from camrig.calibrate.setup import CARRIED, OnHead, Setup
 from camrig.calibrate.sighted import ROOM, Shot
@@ -84,9 +84,13 @@ def extrinsics(
     _refuse_walking(sorted_out, known)
     shots = without_moved(shots, sorted_out.moved)
     setup = _Given(rig, known, origin, keep, mounts, sorted_out).setup(places, sizes_m, shots)
+    seen_boards = {name for shot in shots for name in shot.boards}
     with people.status("placing cameras"):
-        placed = with_lengths(shots, setup, lengths, bool(boards))
-    answer = Answer(rig, placed, tuple(_words(sorted_out.moved)), tuple(places))
+        placed = with_lengths(shots, setup, lengths, bool(seen_boards))
+    unseen = (
+        f"--board {board_word(of)}: no picture shows it" for name, of in boards.items() if name not in seen_boards
+    )
+    answer = Answer(rig, placed, (*_words(sorted_out.moved), *unseen), tuple(places))
     new = changes(answer, today(), anchors=anchors) if answer.in_world or write else {}
     if as_json:
         print_json({**answer.as_json(), "changes": in_words(new)})
@@ -95,7 +99,7 @@ def extrinsics(
     if report is not None:
         from camrig.report.calibration import write_report  # noqa: PLC0415 - draws, which takes its time to load
 
-        write_report(report, answer.report(f"camrig calibrate extrinsics {config}"))
+        write_report(report, answer.report(f"camrig calibrate extrinsics {config}, {today()}"))
     bad = list(answer.lost())
     if not answer.is_usable:
         bad.append(f"this is not fit for use{', nothing was written' if write else ''}: see the warnings")

@@ -64,7 +64,7 @@ def _fixed(T: Transform) -> dict[str, object]:
 
 
 def today() -> date:
-    """Return the date that ``calibrated`` bears."""
+    """Return the date that ``calibrated`` and reports bear."""
     return datetime.now(tz=UTC).date()
 
 

@@ -170,7 +170,7 @@ def test_anchors_put_cameras_in_the_world() -> None:
 
 
 def test_nothing_seen_is_told_in_one_sentence() -> None:
-    with pytest.raises(InputError, match="no camera shows a tag"):
+    with pytest.raises(InputError, match="no camera shows a tag or a board"):
         extrinsics([Shot("left", 0, {})], Setup(LENSES, {}))
 
 
