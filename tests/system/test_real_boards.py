@@ -81,7 +81,7 @@ def test_four_cameras_are_placed_by_a_board_in_a_hand(shared_data: Path, tmp_pat
     """Lenses given; pictures go together by their stamps. Baselines within 1 %, rotations within 0.5 deg.
 
     Corners of the board's front that cameras place in space miss by 0.27 px, the other program's figure (median), and
-    by less than by its cameras. One camera sees the back, printed not quite behind the front: with it all are further off.
+    by less than by its cameras. One camera sees the back, printed not quite behind the front: with it all are worse.
     """
     folder = shared_data / "images" / "caliscope_4cam_charuco"
     reference = json.loads((folder / "expected_extrinsics.json").read_text())["cameras"]
