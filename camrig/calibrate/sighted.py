@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -54,10 +55,10 @@ class Picture(NamedTuple):
     instant: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Sighted:
     """A mark in a picture: (n, 3) points in its frame, (n, 2) pixels, these undistorted (``ideal``) with the lens's
-    scale there (n, 2, 2), and the up to two poses ``T_camera_mark`` that they allow by themselves.
+    scale there (n, 2, 2), and the ``size_m`` of a tag.
     """
 
     picture: Picture
@@ -66,7 +67,15 @@ class Sighted:
     pixels: Array
     ideal: Array
     px_per_ideal: Array
-    poses: tuple[Transform, ...]
+    size_m: float | None
+
+    @cached_property
+    def poses(self) -> tuple[Transform, ...]:
+        """The up to two ``T_camera_mark`` that the points allow by themselves; few sightings are ever asked."""
+        if self.size_m is None:
+            return _board_poses(self.points_m, self.ideal)
+        found = square_poses(self.ideal, self.px_per_ideal, self.size_m)
+        return tuple(pose.T_camera_tag for pose in found)
 
     @property
     def width_px(self) -> float:
@@ -114,12 +123,11 @@ def _of_camera(
     ends = np.cumsum(counts)
     for (picture, mark, points_m, pixels), first, end in zip(found, ends - counts, ends, strict=True):
         inside = np.isfinite(ideal[first:end]).all(axis=1)
-        is_tag = mark in sizes_m
-        if not inside.all() and (is_tag or inside.sum() < LEAST_POINTS):
+        size_m = sizes_m.get(mark)
+        if not inside.all() and (size_m is not None or inside.sum() < LEAST_POINTS):
             continue
         own = (points_m[inside], pixels[inside], ideal[first:end][inside], scale[first:end][inside])
-        poses = _tag_poses(own[2], own[3], sizes_m[mark]) if is_tag else _board_poses(own[0], own[2])
-        yield Sighted(picture, mark, *own, poses)
+        yield Sighted(picture, mark, *own, size_m)
 
 
 def _once(seen: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
@@ -129,10 +137,6 @@ def _once(seen: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     points_m, _ = max(seen, key=lambda each: len(each[0]))
     alike = [pixels for points, pixels in seen if points.shape == points_m.shape and (points == points_m).all()]
     return points_m, np.asarray(np.median(alike, axis=0))
-
-
-def _tag_poses(ideal: Array, px_per_ideal: Array, size_m: float) -> tuple[Transform, ...]:
-    return tuple(pose.T_camera_tag for pose in square_poses(ideal, px_per_ideal, size_m))
 
 
 def _board_poses(points_m: Array, ideal: Array) -> tuple[Transform, ...]:

@@ -97,24 +97,25 @@ class _Placing:
     def _place_mark(self) -> bool:
         """Place the mark that most placed pictures show; tell whether there was one."""
         showing = {
-            mark: shown
+            mark: [each for each in sighted if each.picture in self._pictures]
             for mark, sighted in self._of.items()
-            if mark not in self._marks and (shown := [each for each in sighted if self._tells(each)])
+            if mark not in self._marks
         }
-        if not showing:
-            return False
-        mark = max(showing, key=lambda name: len(showing[name]))
-        asked = showing[mark][:: 1 + len(showing[mark]) // _ASKED]
-        T = [invert(self._pictures[each.picture]) @ T for each in asked for T in each.poses]
-        judges = showing[mark][:: 1 + len(showing[mark]) // _JUDGES]
+        for mark in sorted(showing, key=lambda name: -len(showing[name])):
+            asked = showing[mark][:: 1 + len(showing[mark]) // _ASKED]
+            T = [invert(self._pictures[each.picture]) @ T for each in asked for T in each.poses]
+            if T:
+                self._marks[mark] = self._best(showing[mark], T)
+                return True
+        return False
+
+    def _best(self, showing: Sequence[Sighted], T: Sequence[Transform]) -> Transform:
+        """Return that ``T_body_mark`` of several on which most pictures agree."""
+        judges = showing[:: 1 + len(showing) // _JUDGES]
         T_camera_body = np.stack([self._pictures[each.picture] for each in judges])
         points, ideal, scale = _padded(judges)
         off = [_disagreement(T_camera_body @ each, points, ideal, scale).sum() for each in T]
-        self._marks[mark] = T[int(np.argmin(off))]
-        return True
-
-    def _tells(self, each: Sighted) -> bool:
-        return bool(each.poses) and each.picture in self._pictures
+        return T[int(np.argmin(off))]
 
 
 def agreed(poses: Iterable[Transform]) -> Transform:
