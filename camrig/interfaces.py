@@ -24,6 +24,7 @@ from camrig.messages import (
     DroneReading,
     Event,
     Frame,
+    HeadFindings,
     LinkReport,
     RigPlan,
     Sighting,
@@ -51,6 +52,21 @@ class Driver(Generic[SpecT, DeviceT]):
     make: Callable[[Mapping[str, tuple[SpecT, Any]]], Mapping[str, DeviceT]]
     check: Callable[[Mapping[str, tuple[SpecT, Any]]], Sequence[tuple[str, str, str]]] | None = None
     discover: Callable[[], Sequence[Found]] | None = None
+    tuning: HeadTuning | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class HeadTuning:
+    """How a head's driver takes what its calibration found. Sections are the driver's own.
+
+    ``plain`` returns the section of a head to be calibrated: it counts as the file says and reports its motor, without
+    play, bend or age. ``changes`` returns what of the section is to be written, by path within the head's own keys.
+    ``reads_back`` tells whether a head with that section tells its angles.
+    """
+
+    plain: Callable[[Any], Any]
+    changes: Callable[[Any, HeadFindings], Mapping[tuple[str, ...], object]]
+    reads_back: Callable[[Any], bool] = lambda _: True
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,6 +218,21 @@ class LearnsItsAngles(Protocol):
 
     def correct(self, reading: AxisReading) -> None:
         """Take an angle that something else measured, as anchors in the picture do; by the thread that reads."""
+        ...
+
+
+@runtime_checkable
+class TurnsByStep(Protocol):
+    """What a head's driver offers besides, where the head can be turned at speeds that have a number each."""
+
+    def steps(self) -> Mapping[str, Sequence[int]]:
+        """Return the steps of speed of "pan" and "tilt", slowest first, 1 and up."""
+        ...
+
+    def turn(self, pan: int, tilt: int) -> float:
+        """Turn at signed steps, positive towards growing angles, until told otherwise; 0 stands. Any ``move_to`` ends.
+        Returns when the head will have heard it; raises as ``move_to`` does. Limits are the caller's care.
+        """
         ...
 
 

@@ -123,6 +123,13 @@ class Desk:
         self.done.append(("aim", (head,)))
         self.aimed[head] = aim
 
+    def lend(self, head: str, for_s: float) -> Collection[str]:
+        self.done.append(("lend", (head, str(for_s))))
+        status = LinkStatus.CLOSED if for_s else LinkStatus.UP
+        links = {name: LinkReport(name, status, self.now_s) for name in (head, "north")}
+        self.state = replace(self.state, links={**self.state.links, **links})
+        return ("north", head)
+
     def arm(self, drone: str) -> None:
         self.done.append(("arm", (drone,)))
         match self.arming:

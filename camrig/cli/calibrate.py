@@ -10,6 +10,7 @@ from camrig.cli.calibrate_check import check
 from camrig.cli.calibrate_extrinsics import extrinsics
 from camrig.cli.calibrate_intrinsics import intrinsics
 from camrig.cli.lens_exchange import export_lens, import_lens
+from camrig.cli.calibrate_head import head
 
 calibrate = typer.Typer(help="Find out what a rig is really like.", no_args_is_help=True, rich_markup_mode="markdown")
 
@@ -26,3 +27,4 @@ calibrate.command("import")(import_lens)
 calibrate.command("export")(export_lens)
 calibrate.command()(body)
 calibrate.command()(check)
+calibrate.command()(head)

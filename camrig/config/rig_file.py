@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -68,6 +69,17 @@ class DeviceConfig:
     section: Any
     raw: Mapping[str, Any]
 
+    def amended(self, changes: Mapping[tuple[str, ...], object]) -> DeviceConfig:
+        """Return it with values of its section set, by path within its keys."""
+        keys: dict[str, Any] = deepcopy(dict(self.raw))
+        for path, value in changes.items():
+            at = keys
+            for key in path[:-1]:
+                at = at.setdefault(key, {})
+            at[path[-1]] = value
+        own = {name: given for name, given in keys.items() if name != "driver"}
+        return replace(self, raw=keys, section=self.driver.section.model_validate(own))
+
 
 @dataclass(frozen=True)
 class PluginConfig(Generic[PluginT]):
@@ -99,7 +111,7 @@ class RigConfig:
         devices: dict[DeviceGroup, Mapping[str, DeviceConfig]] = {}
         for group, key in _FILLED_BY_WORLD.items():
             devices[group] = {
-                name: _with_key(device, key, ports[name]) if name in ports else device
+                name: device.amended({(key,): ports[name]}) if name in ports else device
                 for name, device in self.devices[group].items()
             }
         return replace(self, devices=devices)
@@ -119,12 +131,6 @@ def _camera(camera: CameraModel, lens: LensModel) -> CameraSpec:
     mount, sigma = camera.mount.build(), camera.lens_sigma.build()
     when = camera.calibrated
     return CameraSpec(camera.id, lens.build(), mount, lens.readout_s, camera.refine_lens, sigma, when)
-
-
-def _with_key(device: DeviceConfig, key: str, value: str) -> DeviceConfig:
-    raw = {**device.raw, key: value}
-    own = {name: given for name, given in raw.items() if name != "driver"}
-    return replace(device, raw=raw, section=device.driver.section.model_validate(own))
 
 
 @dataclass

@@ -3,6 +3,11 @@
 Stamps are seconds of the one monotonic clock. Every position comes with its covariance; ``None`` is "unknown".
 """
 
+from camrig.messages.calibrated import (
+    AxisFindings,
+    HeadFindings,
+    HeadGrade,
+)
 from camrig.messages.events import (
     Event,
     Level,
@@ -53,6 +58,7 @@ from camrig.messages.planned import (
 
 __all__ = [
     "Aim",
+    "AxisFindings",
     "AxisReading",
     "BodyPose",
     "CameraPose",
@@ -68,6 +74,8 @@ __all__ = [
     "Frame",
     "HeadAim",
     "HeadCommand",
+    "HeadFindings",
+    "HeadGrade",
     "Level",
     "LinkReport",
     "LinkStatus",

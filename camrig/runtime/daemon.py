@@ -18,11 +18,11 @@ from camrig.interfaces import Sink
 from camrig.messages import FlightState, HeadAim, LinkReport
 from camrig.pipeline import Settings
 from camrig.runtime.build import make_jobs, make_sinks
-from camrig.runtime.camera_job import CameraJob
 from camrig.runtime.control import LEAST_TICK_S, TICK_S, Control, Devices
 from camrig.runtime.drone_job import DroneJob
 from camrig.runtime.guardian_link import GuardianLink
 from camrig.runtime.head_job import HeadJob
+from camrig.runtime.link_counts import counted_of_all
 from camrig.runtime.mailbox import Mailbox
 from camrig.runtime.notify import Notifier
 from camrig.runtime.operator_status import View
@@ -217,6 +217,16 @@ class Daemon:
         """Operator's order: this head goes there and no plan moves it before ``resume``; any thread."""
         self.devices.heads[head].aim(aim)
 
+    def lend(self, head: str, for_s: float) -> Collection[str]:
+        """Operator's order: stop a head, and let go of it and its camera for so long; then it is held; any thread."""
+        devices = {head, *(camera.id for camera in [self.config.rig.camera_on(head)] if camera is not None)}
+        if for_s > 0.0:
+            self._halt([self.devices.heads[head]])
+        for worker in self._workers:
+            if worker.job.name in devices:
+                worker.lend(self.clock.now_s() + for_s)
+        return devices
+
     def arm(self, drone: str) -> None:
         """Operator's order: check, arm and climb to the lowest height of the box; any thread."""
         self.devices.drones[drone].arm()
@@ -243,17 +253,10 @@ class Daemon:
             enabled=frozenset(name for name, job in heads.items() if job.enabled),
             now_s=self.clock.now_s(),
             aimed={name: aim for name, job in heads.items() if (aim := job.aimed) is not None},
-            statistics=self._statistics(),
+            statistics=counted_of_all((self.devices.cameras, heads, self.devices.drones), self._workers),
             health={name: job.health for name, job in self.devices.drones.items() if job.health is not None},
             flown=frozenset(name for name, job in self.devices.drones.items() if job.follows_plans),
         )
-
-    def _statistics(self) -> dict[str, Mapping[str, float]]:
-        """Return what was counted of every link, by device."""
-        losses = {worker.job.name: {"losses": worker.losses} for worker in self._workers}
-        devices = self.devices
-        jobs: dict[str, CameraJob | HeadJob | DroneJob] = {**devices.cameras, **devices.heads, **devices.drones}
-        return {name: {**losses.get(name, {}), **job.statistics()} for name, job in jobs.items()}
 
     @property
     def airborne(self) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """The operator's commands: one handler for all of them, whichever way they come in.
 
 A request is an object ``{"command": "hold"}``; ``resume`` may name ``heads`` and ``drones``, ``arm`` and ``land`` name
-a ``drone``, ``aim`` a ``head`` and its ``pan_deg``, its ``tilt_deg`` or both.
+a ``drone``, ``aim`` a ``head`` and its ``pan_deg``, its ``tilt_deg`` or both, ``lend`` a ``head`` and ``for_s``.
 The answer is ``{"ok": true, ...}`` or ``{"ok": false, "error": <a sentence>, "exit_code": <of camrig.errors>}``.
 """
 
@@ -47,6 +47,10 @@ class Orders(Protocol):
 
     def aim(self, head: str, aim: HeadAim) -> None:
         """Send a head there, held or not, and keep plans from moving it until ``resume``."""
+        ...
+
+    def lend(self, head: str, for_s: float) -> Collection[str]:
+        """Stop a head and let go of it and its camera for so long, 0: take them back; return both. It is held then."""
         ...
 
     def arm(self, drone: str) -> None:
@@ -98,6 +102,14 @@ class Aim(_Request):
     tilt_deg: float | None = None
 
 
+class Lend(_Request):
+    """Let another program have a head and its camera for a while, as a calibration; 0: no longer."""
+
+    command: Literal["lend"]
+    head: Id
+    for_s: Annotated[float, Field(ge=0.0, le=60.0)]
+
+
 class Arm(_Request):
     """Arm a drone and let it climb."""
 
@@ -118,7 +130,7 @@ class Scan(_Request):
     command: Literal["scan"]
 
 
-Request = Status | Hold | Resume | Aim | Arm | Land | Scan
+Request = Status | Hold | Resume | Aim | Lend | Arm | Land | Scan
 _STATUS = Status(command="status").model_dump_json()
 _REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="command")])
 
@@ -166,6 +178,10 @@ class Operator:
                 return self._resume(request)
             case Aim():
                 return self._aim(request)
+            case Lend(head=head, for_s=for_s):
+                rig = self.orders.view().rig
+                _check_known(rig.name, "head", head, rig.heads)
+                return {"devices": sorted(self.orders.lend(head, for_s))}
             case Arm(drone=drone):
                 self._reach_drone(drone)
                 self._check_room(drone)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,6 +18,8 @@ log = logging.getLogger(__name__)
 
 FIRST_RETRY_S = 0.2
 LAST_RETRY_S = 5.0
+LENT = "lent to another program"
+_LENT_LOOK_S = 0.1
 
 
 class Job(Protocol):
@@ -59,6 +62,7 @@ class Worker:
     """How often the link was lost once it had been up."""
     beat_s: float = field(init=False)
     _stopping: threading.Event = field(default_factory=threading.Event)
+    _lent_until_s: float = -math.inf
     _thread: threading.Thread = field(init=False)
 
     def __post_init__(self) -> None:
@@ -73,6 +77,15 @@ class Worker:
         """Ask the thread to end; any thread."""
         self._stopping.set()
         self.job.wake()
+
+    def lend(self, until_s: float) -> None:
+        """Let go of the device until then, for another program, and open it again afterwards; any thread."""
+        self._lent_until_s = until_s
+        self.job.wake()
+
+    @property
+    def _is_lent(self) -> bool:
+        return self.clock.now_s() < self._lent_until_s
 
     def join(self, timeout_s: float) -> bool:
         """Wait for the thread; return whether it has ended."""
@@ -99,10 +112,13 @@ class Worker:
         while not self._stopping.is_set():
             try:
                 self._beat()
+                if self._is_lent:
+                    self._wait_for_it()
+                    continue
                 self.job.open()
                 self._report(LinkStatus.UP, "")
                 retry_s, was_up = FIRST_RETRY_S, True
-                while not self._stopping.is_set():
+                while not (self._stopping.is_set() or self._is_lent):
                     self._beat()
                     self.job.turn()
             except LinkLost as error:
@@ -114,6 +130,13 @@ class Worker:
                 self._stopping.wait(retry_s)
                 retry_s = min(2.0 * retry_s, LAST_RETRY_S)
         self._report(LinkStatus.CLOSED, "stopped")
+
+    def _wait_for_it(self) -> None:
+        """Do without the device while it is lent."""
+        self.job.close()
+        self._report(LinkStatus.CLOSED, LENT)
+        while self._is_lent and not self._stopping.wait(_LENT_LOOK_S):
+            self._beat()
 
     def _beat(self) -> None:
         self.beat_s = self.clock.now_s()

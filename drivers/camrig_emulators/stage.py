@@ -33,7 +33,8 @@ class Stage:
         self._job = job
         self._clock = clock
         self._running = ExitStack()
-        rig, section, devices = job.rig, job.section, job.devices
+        section, devices = job.section, job.devices
+        self._rig = rig = world_settings.true_rig(job.rig, section)
         self._scenery = Scenery(rig, job.motions)
         self._lines = [
             ([head.id for head in heads], PelcoDLine(heads, clock=clock, seed=section.seed + number, name=heads[0].id))
@@ -72,7 +73,7 @@ class Stage:
 
     def camera_pose(self, camera_id: str, stamp_s: float) -> Transform:
         """Return the true ``T_world_camera`` at a stamp that the devices still remember."""
-        return camera_pose(self._job.rig, camera_id, stamp_s, self._true_angles_rad, self._true_body)
+        return camera_pose(self._rig, camera_id, stamp_s, self._true_angles_rad, self._true_body)
 
     def set_fault(self, fault: SetFault) -> None:
         """Set a fault of one device; a head is unplugged with its whole line. Raises InputError for a stranger."""
@@ -116,7 +117,7 @@ class Stage:
         tables: dict[int, LensRays] = {}
         renderers = []
         for number, name in enumerate(self._fps):
-            lens = self._job.rig.cameras[name].lens
+            lens = self._rig.cameras[name].lens
             if id(lens) not in tables:
                 tables[id(lens)] = lens_rays(lens)
             rays = tables[id(lens)]

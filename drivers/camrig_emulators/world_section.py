@@ -5,17 +5,38 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from scipy.spatial.transform import Rotation
 
+from camrig.geometry.arrays import Transform
 from camrig_emulators.mavlink.settings import Point
+from camrig_emulators.pelco_d_settings import AxisMaps, Limits
 
 _STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 NotNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 
 
+class TruePose(BaseModel):
+    """A pose as a rig's file has it."""
+
+    model_config = _STRICT
+
+    position_m: Point = (0.0, 0.0, 0.0)
+    rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def matrix(self) -> Transform:
+        """Return it (4, 4)."""
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_euler("xyz", self.rpy_deg, degrees=True).as_matrix()
+        T[:3, 3] = self.position_m
+        return T
+
+
 class WorldHeadSection(BaseModel):
-    """What an emulated head is like where it shall not be as usual; the keys are those of PelcoDHeadSettings.
+    """What an emulated head is like where it shall not be as usual; the keys are those of PelcoDHeadSettings,
+    and two poses that a file may have wrong.
 
     What is not given: it looks at the middle of the floor with tilt -45 deg, has the play and, drawn from the seed,
     the zero error of a good head, and is as fast as the rig says.
@@ -34,6 +55,18 @@ class WorldHeadSection(BaseModel):
     reply_latency_s: NotNegative | None = None
     answers: Literal["none", "general", "queries", "full"] | None = None
     dead_man_s: Positive | None = None
+    axes: AxisMaps | None = None
+    pan_limits_deg: Limits | None = None
+    tilt_limits_deg: Limits | None = None
+    absolute: Literal["both", "pan", "tilt", "ignored", "race"] | None = None
+    stop_error_deg: NotNegative | None = None
+    speed_drift: NotNegative | None = None
+    worm_error_deg: NotNegative | None = None
+    worm_period_deg: Positive | None = None
+    T_arm_tilt: TruePose | None = None
+    """Where the tilt axis truly is, where the file does not know it yet."""
+    T_mount_camera: TruePose | None = None
+    """Likewise its camera."""
 
 
 class WorldDroneSection(BaseModel):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -26,6 +27,9 @@ _LIMIT_SPARE_DEG = 1.0
 _USUAL_BACKLASH_DEG = 0.05
 _USUAL_ZERO_ERROR_DEG = 0.05
 _DRONE_SPACING_M = 1.0
+_FORWARD_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
+"""From the optical frame to one that looks along x, z up (docs/frames-and-units.md)."""
+_POSES = ("T_arm_tilt", "T_mount_camera")
 _AXIS_KEYS = ("sign", "scale", "offset_deg")
 
 
@@ -86,6 +90,22 @@ def rendered_cameras(rig: Rig, devices: Devices) -> dict[str, float]:
     return found
 
 
+def true_rig(rig: Rig, section: WorldSection) -> Rig:
+    """Return the rig as it truly is, where the world says other poses than the file."""
+    heads, cameras = dict(rig.heads), dict(rig.cameras)
+    for name, override in section.heads.items():
+        if override.T_arm_tilt is not None:
+            kinematics = replace(heads[name].kinematics, T_arm_tilt=override.T_arm_tilt.matrix())
+            heads[name] = replace(heads[name], kinematics=kinematics)
+        carried = rig.camera_on(name)
+        if override.T_mount_camera is not None and carried is not None:
+            T_forward_optical = np.eye(4)
+            T_forward_optical[:3, :3] = _FORWARD_OPTICAL
+            mount = HeadMount(name, override.T_mount_camera.matrix() @ T_forward_optical)
+            cameras[carried.id] = replace(carried, mount=mount)
+    return replace(rig, heads=heads, cameras=cameras)
+
+
 def _head_settings(
     rig: Rig, spec: HeadSpec, raw: Mapping[str, Any], override: WorldHeadSection, zero_error_deg: Array
 ) -> PelcoDHeadSettings:
@@ -106,7 +126,7 @@ def _head_settings(
             "max_speed_deg_s": math.degrees(spec.speed_rad_s),
             "backlash_deg": _USUAL_BACKLASH_DEG,
             "zero_error_deg": tuple(float(error) for error in zero_error_deg),
-            **override.model_dump(exclude_none=True),
+            **override.model_dump(exclude_none=True, exclude=set(_POSES)),
         },
     )
 

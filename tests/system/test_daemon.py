@@ -81,6 +81,22 @@ def test_holding_stops_the_heads_and_leaves_the_rest_at_work(daemon: Daemon) -> 
     assert not head(daemon, "pt2").enabled
 
 
+def test_a_head_and_its_camera_are_lent_while_the_others_work_on(daemon: Daemon) -> None:
+    def links_are(status: LinkStatus, *names: str) -> bool:
+        return all(daemon.control.link_states.get(name) is status for name in names)
+
+    until(lambda: links_are(LinkStatus.UP, "pt1", "pt2", "north", "south"))
+    assert daemon.lend("pt1", 30.0) == {"pt1", "north"}
+    until(lambda: links_are(LinkStatus.CLOSED, "pt1", "north"))
+    frames = daemon.devices.cameras["south"].frames
+    until(lambda: daemon.devices.cameras["south"].frames > frames + 3)
+    assert links_are(LinkStatus.UP, "pt2", "south")
+    daemon.lend("pt1", 0.0)
+    until(lambda: links_are(LinkStatus.UP, "pt1", "north"))
+    assert daemon.devices.heads["pt1"].held
+    assert not head(daemon, "pt1").enabled
+
+
 def test_it_ends_by_itself_when_every_recording_has_ended(daemon: Daemon) -> None:
     main = supervising(daemon)
     _end(daemon, "north")

@@ -53,7 +53,7 @@ def test_every_command_reaches_the_daemon() -> None:
         ({"command": "resume", "heads": ["pt1", "pt9"]}, "rig 'lab' has no head 'pt9'; its heads are pt1, pt2"),
         ({"command": "arm", "drone": "pt1"}, "rig 'lab' has no drone 'pt1'; its drones are d1"),
         ({"command": "land", "drone": ""}, "rig 'lab' has no drone ''; its drones are d1"),
-        ({"command": "fly"}, "'status', 'hold', 'resume', 'aim', 'arm', 'land', 'scan'"),
+        ({"command": "fly"}, "'status', 'hold', 'resume', 'aim', 'lend', 'arm', 'land', 'scan'"),
         ({"command": "aim", "head": "pt9", "pan_deg": 1}, "rig 'lab' has no head 'pt9'; its heads are pt1, pt2"),
         ({"command": "aim", "head": "pt1"}, "Give pan_deg, tilt_deg or both"),
         (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -242,3 +243,28 @@ def test_it_beats_with_every_turn() -> None:
 
 def _waited(event: threading.Event) -> None:
     assert event.wait(10.0)
+
+
+def test_a_device_is_lent_for_a_while_and_opened_again() -> None:
+    job, clock = ScriptedJob(), ManualClock()
+    with running(job, clock) as found:
+        until(job.blocked.is_set)
+        found.worker.lend(10.0)
+        until(lambda: found.statuses() == [UP, CLOSED])
+        assert found.reports[1].reason == worker_module.LENT
+        assert job.names() == ["open", "turn", "close"]
+        found.worker.lend(20.0)  # renewed
+        clock.advance(15.0)
+        time.sleep(0.3)
+        assert found.statuses() == [UP, CLOSED]
+        job.woken.clear()
+        clock.advance(10.0)
+        until(lambda: found.statuses() == [UP, CLOSED, UP])
+
+
+def test_a_worker_that_is_to_end_does_not_wait_for_what_it_lent() -> None:
+    job = ScriptedJob()
+    with running(job) as found:
+        until(job.blocked.is_set)
+        found.worker.lend(1e12)
+        until(lambda: found.statuses() == [UP, CLOSED])

@@ -15,6 +15,7 @@ from camrig.rig import HeadSpec
 from camrig_drivers.pelco_d.bus import Bus, LineSettings
 from camrig_drivers.pelco_d.head import PelcoDHead
 from camrig_drivers.pelco_d.section import PelcoDSection, check, line_of
+from camrig_drivers.pelco_d.tuning import tuning
 from camrig_drivers.serial_port import Port, SerialPort
 
 __all__ = ["buses_for", "driver"]
@@ -74,4 +75,6 @@ def _title(description: str) -> str:
     return "serial port" if description == "n/a" else description
 
 
-driver: Driver[HeadSpec, Head] = Driver(section=PelcoDSection, make=_make, check=check, discover=_discover)
+driver: Driver[HeadSpec, Head] = Driver(
+    section=PelcoDSection, make=_make, check=check, discover=_discover, tuning=tuning
+)

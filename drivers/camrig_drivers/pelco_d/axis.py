@@ -13,6 +13,7 @@ from camrig_drivers.pelco_d.codec import FULL_TURN_RAW
 from camrig_drivers.pelco_d.section import AxisSection
 
 _DIGIT_DEG = 0.01
+_BEND_ROUNDS = 6
 _TAKE_UP = 1.5
 """How far before its target, in widths of the play, a move from the wrong side turns round."""
 
@@ -37,15 +38,31 @@ class AxisScale:
 
     def raw_unchecked(self, angle_rad: float) -> int:
         """Return 0..35999 for an angle of the motor, which is ahead of the optics by half the play."""
-        raw_deg = (math.degrees(angle_rad) - self.section.offset_deg) / (self.section.sign * self.section.scale)
+        raw_deg = (self._line_deg(math.degrees(angle_rad)) - self.section.offset_deg) / self._signed_scale
         return round(100.0 * raw_deg) % FULL_TURN_RAW
 
     def angle_rad(self, raw: int) -> float:
         """Return the angle of a raw report, of all that look alike the one nearest to the middle of the limits."""
         raw_deg = math.remainder(raw / 100.0, 360.0)
-        angle_deg = self.section.sign * self.section.scale * raw_deg + self.section.offset_deg
+        line_deg = self._signed_scale * raw_deg + self.section.offset_deg
         middle_deg = math.degrees(0.5 * (self.limits_rad[0] + self.limits_rad[1]))
-        return math.radians(middle_deg + math.remainder(angle_deg - middle_deg, 360.0 * self.section.scale))
+        line_deg = middle_deg + math.remainder(line_deg - middle_deg, 360.0 * self.section.scale)
+        return math.radians(line_deg + self._bend_deg(line_deg))
+
+    @property
+    def _signed_scale(self) -> float:
+        return self.section.sign * self.section.scale
+
+    def _bend_deg(self, line_deg: float) -> float:
+        line_rad = math.radians(line_deg)
+        return self.section.sine_deg * math.sin(line_rad) + self.section.cosine_deg * math.cos(line_rad)
+
+    def _line_deg(self, angle_deg: float) -> float:
+        """Undo the bend, by iteration: it changes by less than a tenth of what it is asked at."""
+        line_deg = angle_deg
+        for _ in range(_BEND_ROUNDS):
+            line_deg = angle_deg - self._bend_deg(line_deg)
+        return line_deg
 
     @property
     def play_rad(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 
@@ -15,7 +15,7 @@ from camrig.rig import HeadSpec
 from camrig_drivers.pelco_d.axis import AxisScale, Play
 from camrig_drivers.pelco_d.bus import Bus, Link
 from camrig_drivers.pelco_d.codec import Axis, Command, encode
-from camrig_drivers.pelco_d.commands import STOP, lens_settings, query_position
+from camrig_drivers.pelco_d.commands import STOP, TOP_SPEED, drive, lens_settings, query_position
 from camrig_drivers.pelco_d.open_loop import OpenLoop
 from camrig_drivers.pelco_d.readback import ReadBack
 from camrig_drivers.pelco_d.section import Grade, PelcoDSection
@@ -89,10 +89,18 @@ class PelcoDHead:
             link.move(command, self._permit)
 
     def move_to(self, pan_rad: float, tilt_rad: float) -> None:
-        link, permit = self._opened(), self._permit
-        if permit is None or permit is not link.permit:
-            raise NotEnabledError(f"head {self._spec.id} is not enabled; enable it before moving it")
-        self._pointing.aim(self._inside(pan_rad, tilt_rad), self._wire(link, permit))
+        wire = self._motion()
+        self._pointing.aim(self._inside(pan_rad, tilt_rad), wire)
+
+    def steps(self) -> Mapping[str, Sequence[int]]:
+        return dict.fromkeys(("pan", "tilt"), range(1, TOP_SPEED + 1))
+
+    def turn(self, pan: int, tilt: int) -> float:
+        wire = self._motion()
+        self._pointing.forget(self._clock.now_s())
+        right, down = pan * self._section.axes.pan.drive_sign, tilt * self._section.axes.tilt.drive_sign
+        wire.send(drive(right, -down, self._section.dialect) if pan or tilt else STOP)
+        return self._clock.now_s() + 70.0 / self._section.baud
 
     def read(self, timeout_s: float) -> tuple[AxisReading, ...]:
         link = self._opened()
@@ -150,6 +158,12 @@ class PelcoDHead:
         plays = {axis: Play(scale.play_rad) for axis, scale in self._axes.items()}
         parts = Parts(self._spec.id, self._section, self._axes, watches, plays, self._clock)
         return OpenLoop(parts) if self._section.grade is Grade.OPEN_LOOP else ReadBack(parts)
+
+    def _motion(self) -> Wire:
+        link, permit = self._opened(), self._permit
+        if permit is None or permit is not link.permit:
+            raise NotEnabledError(f"head {self._spec.id} is not enabled; enable it before moving it")
+        return self._wire(link, permit)
 
     def _wire(self, link: Link, permit: object | None) -> Wire:
         def send(command: Command) -> None:

@@ -77,7 +77,7 @@ class ReadBack:
             head_id=self.parts.name,
             axis=scale.name,
             angle_rad=angle_rad,
-            stamp_s=answer.stamp_s,
+            stamp_s=answer.stamp_s - self.parts.section.report_age_s,
             sigma_rad=scale.sigma_rad(unknown_rad),
             stamp_sigma_s=answer.half_window_s / math.sqrt(3.0),  # uniform over the window
             noise_rad=scale.sigma_rad(0.0),

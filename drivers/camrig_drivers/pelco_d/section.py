@@ -19,6 +19,7 @@ _STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 _AXES = ("pan", "tilt")
 
 Seconds = Annotated[float, Field(ge=0.0, le=60.0)]
+BendDeg = Annotated[float, Field(ge=-5.0, le=5.0)]
 SigmaDeg = Annotated[float, Field(ge=0.0, le=10.0)]
 
 
@@ -34,7 +35,10 @@ class Grade(StrEnum):
 
 
 class AxisSection(BaseModel):
-    """How one axis counts: ``deg = sign * (raw * scale) + offset_deg``, raw in degrees, wrapped into -180..180."""
+    """How one axis counts: ``deg = sign * (raw * scale) + offset_deg``, raw in degrees, wrapped into -180..180.
+
+    ``camrig calibrate head`` finds all of it.
+    """
 
     model_config = _STRICT
 
@@ -42,6 +46,9 @@ class AxisSection(BaseModel):
     """-1: raw pan grows clockwise seen from above, raw tilt grows downward, as most heads count."""
     scale: Annotated[float, Field(gt=0.0, le=10.0)] = 1.0
     offset_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 0.0
+    sine_deg: BendDeg = 0.0
+    cosine_deg: BendDeg = 0.0
+    """Added to that: ``sine_deg * sin(deg) + cosine_deg * cos(deg)``, as of a wheel that runs off its centre."""
     resolution_deg: Annotated[float, Field(ge=0.0, le=5.0)] = 0.01
     """Step of what the head reports, where it is coarser than the protocol's hundredth of a degree."""
     arrival_deg: Annotated[float, Field(gt=0.0, le=10.0)] = 0.1
@@ -146,6 +153,10 @@ class PelcoDSection(BaseModel):
     axes: AxesSection = AxesSection()
     readback_sigma_deg: SigmaDeg = 0.01
     """One sigma of a reported angle, beyond its last digit."""
+    report_age_s: Annotated[float, Field(ge=-2.0, le=2.0)] = 0.0
+    """How long before its stamp a reported angle was so, by the stamps of the camera that it carries."""
+    start_s: Seconds = 0.05
+    """From the end of a command to motion."""
     reply_timeout_s: Annotated[float, Field(gt=0.0, le=5.0)] = 0.1
     """The longest that a reply may take to begin; what is waited for adapts to the head below that."""
     gap_s: Annotated[float, Field(ge=0.0, le=1.0)] = 0.05

@@ -19,8 +19,8 @@ from camrig_drivers.pelco_d.steering import DisobeyedError, Parts, RunawayError,
 _ROUNDS_TO_TARGET = 1.4
 _ROUND_GAIN = 0.25
 _ANSWERS_BY_S = 0.03
-_LAG_S = 0.1
-"""From a report to a command in force: the rest of a round trip, a gap, the head's own."""
+_LAG_S = 0.05
+"""From a report to a command in force, besides what the head takes to begin: the rest of a round trip, a gap."""
 _MOVES_BY_S = 5.0
 _TURNS_BY_S = 0.7
 _AWAY_RAD = math.radians(2.0)
@@ -51,6 +51,8 @@ class _Loop:
     nearest_rad: float = math.inf
     extra_s: float = 0.05
     """What a pulse needs beyond distance over speed."""
+    idle: bool = False
+    """The last motion was ended before it had begun: a head with a long dead time needs a pulse instead."""
     pulse: tuple[float, float] | None = None
     """Where the last pulse began and how far it was to go."""
 
@@ -94,7 +96,8 @@ class VelocityPointing:
             self.parts.watches[axis].stood()
             return
         byte = self._wanted(axis, loop)
-        if byte == 0 and rested and not any(other.byte for other in self._loops.values()):
+        loop.idle |= rested and byte == 0 != loop.byte
+        if (byte == 0 or loop.idle) and rested and not any(other.byte for other in self._loops.values()):
             self._pulse(axis, loop, error_rad, wire)
         elif byte != loop.byte or self._refresh_due():
             self._drive({axis: byte}, wire)
@@ -122,7 +125,7 @@ class VelocityPointing:
         assert loop.motor_rad is not None
         acceleration = math.radians(self.parts.axes[axis].section.acceleration_deg_s2)
         moving_rad_s = math.copysign(loop.speeds.speed_rad_s(abs(loop.byte)), loop.byte)
-        ahead_s = self.parts.clock.now_s() - loop.stamp_s + _LAG_S
+        ahead_s = self.parts.clock.now_s() - loop.stamp_s + _LAG_S + self.parts.section.start_s
         error_rad = loop.ahead[0] - loop.motor_rad - moving_rad_s * ahead_s
         way_rad, towards = abs(error_rad), math.copysign(1.0, error_rad)
         forward_rad_s = max(0.0, towards * moving_rad_s)
@@ -169,7 +172,7 @@ class VelocityPointing:
         self._drive({axis: int(math.copysign(first, error_rad))}, wire)
         clock.sleep_s(min(_LONGEST_PULSE_S, abs(error_rad) / loop.speeds.slowest_rad_s + loop.extra_s))
         assert loop.motor_rad is not None
-        loop.pulse = (loop.motor_rad, error_rad)
+        loop.pulse, loop.idle = (loop.motor_rad, error_rad), False
         self._drive({axis: 0}, wire)
 
     def _learn_pulse(self, loop: _Loop) -> None:

@@ -12,6 +12,7 @@ from camrig_drivers.visca.head import ViscaHead
 from camrig_drivers.visca.line import Line
 from camrig_drivers.visca.section import ViscaSection, check, line_of
 from camrig_drivers.visca.transport import SerialTransport, Transport, UdpTransport
+from camrig_drivers.visca.tuning import tuning
 
 __all__ = ["driver"]
 
@@ -42,4 +43,4 @@ def _opener(section: ViscaSection, clock: Clock) -> Callable[[], Transport]:
     return partial(UdpTransport, section.port, host, port, header=section.header, clock=clock)
 
 
-driver: Driver[HeadSpec, Head] = Driver(section=ViscaSection, make=_make, check=check)
+driver: Driver[HeadSpec, Head] = Driver(section=ViscaSection, make=_make, check=check, tuning=tuning)

@@ -1,0 +1,64 @@
+"""``camrig calibrate head``: what it refuses before anything moves."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from camrig.cli.calibrate_head import head
+from camrig.errors import CamrigError, HardwareError, InputError
+
+RIG = """\
+rig: two-heads
+space: {floor_m: [[0, 0], [5, 4]]}
+lenses:
+  lab: {model: brown, size_px: [1280, 720], fx: 1050.0, fy: 1050.0, cx: 640.0, cy: 360.0}
+cameras:
+  - {id: eye, lens: lab, source: {driver: fake}, mount: {head: pt1}}
+  - {id: other, lens: lab, source: {driver: fake}, mount: {head: dummy}}
+heads:
+  - {id: pt1, driver: pelco_d, port: /dev/none, address: 1, position_m: [1, 1, 2.8], pan_deg: [-90, 90]}
+  - {id: dummy, driver: fake, position_m: [1, 1, 2.8]}
+detector: {refine: false}
+"""
+ANCHOR = "anchors: [{id: 100, size_m: 0.2, T_world_tag: {position_m: [1, 1, 0]}}]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "options", "error", "said"),
+    [
+        (RIG + ANCHOR, "pt9", {}, InputError, "has no head 'pt9'; it has pt1, dummy"),
+        (RIG, "pt1", {}, InputError, "lists no tag that stands still"),
+        (RIG + ANCHOR, "pt1", {"yes": False}, InputError, "say --yes where nobody can be asked"),
+        (
+            RIG + ANCHOR,
+            "pt1",
+            {"pan_deg": (60.0, -60.0)},
+            InputError,
+            "give the lower first, within the file's -90 to 90",
+        ),
+        (RIG + ANCHOR, "pt1", {"pan_deg": (-120.0, 60.0)}, InputError, "within the file's -90 to 90"),
+        (RIG + ANCHOR, "dummy", {}, InputError, "its driver fake cannot be calibrated"),
+        (RIG + ANCHOR, "pt1", {}, HardwareError, "/dev/none"),
+    ],
+)
+def test_what_cannot_be_is_said_in_one_sentence(
+    tmp_path: Path, text: str, name: str, options: dict[str, Any], error: type[CamrigError], said: str
+) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(text)
+    with pytest.raises(error, match=said):
+        head(path, name, **{"yes": True, "write": True, **options})
+    assert path.read_text() == text
+
+
+def test_exit_code_and_no_traceback(tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(RIG + ANCHOR)
+    command = [sys.executable, "-m", "camrig", "calibrate", "head", str(path), "pt1", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, stdin=subprocess.DEVNULL)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert "error: this moves head pt1" in done.stderr
