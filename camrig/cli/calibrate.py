@@ -8,9 +8,9 @@ from camrig.cli.calibrate_board import board
 from camrig.cli.calibrate_body import body
 from camrig.cli.calibrate_check import check
 from camrig.cli.calibrate_extrinsics import extrinsics
+from camrig.cli.calibrate_head import head
 from camrig.cli.calibrate_intrinsics import intrinsics
 from camrig.cli.lens_exchange import export_lens, import_lens
-from camrig.cli.calibrate_head import head
 
 calibrate = typer.Typer(help="Find out what a rig is really like.", no_args_is_help=True, rich_markup_mode="markdown")
 

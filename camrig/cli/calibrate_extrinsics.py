@@ -20,6 +20,7 @@ from camrig.cli.console import people, print_json
 from camrig.cli.experiment_common import note
 from camrig.cli.extrinsics_answer import Answer
 from camrig.cli.extrinsics_changes import changes, in_words, tell_unwritten, today
+from camrig.cli.extrinsics_live import look_round, seeing
 from camrig.config.amend import amend_rig
 from camrig.config.rig_file import load_rig
 from camrig.errors import InputError, PartialError
@@ -32,9 +33,13 @@ def extrinsics(
         Path, typer.Argument(help="The rig's YAML file: cameras, lenses, heads, sizes of tags, anchors.")
     ],
     from_images: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(metavar="CAMERA=PICTURES", help="A camera's pictures: folder, glob or video."),
-    ],
+    ] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Look through the rig's own cameras, and turn its heads round.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="With --live: move without asking; nobody is in the way.")] = False,
     tag_size_m: Annotated[
         float | None, typer.Option(help="Side of the black square of tags that the file does not list.")
     ] = None,
@@ -65,17 +70,23 @@ def extrinsics(
     What keeps its place in the pictures stands in the room, what is elsewhere in each is carried; anchors of the file,
     `--origin` or `--keep` say where the world is. Pictures of one instant bear the same number, the last in their
     file's name; of a video the number of the frame counts; `--stamps` goes before both. A head may stand at several
-    aims, which the names of its camera's pictures say: `north-012_pan+030.0_tilt-045.0.png`. Cameras on drones have
-    no place. Exit code 4 where a camera or a picture could not be used, or the result is of no use. Nothing is written
+    aims, which the names of its camera's pictures say: `north-012_pan+030.0_tilt-045.0.png`. `--live` takes pictures
+    itself, of what stands: it turns one head after the other within its limits, after asking. Cameras on drones have no
+    place. Exit code 4 where a camera or a picture could not be used, or the result is of no use. Nothing is written
     without `--write`.
     """
     rig_config = load_rig(config)
     rig = rig_config.rig
-    places = places_of(from_images, rig)
+    if live == bool(from_images):
+        raise InputError("say where pictures are, --from-images CAMERA=PICTURES, or --live to take them now")
+    places = seeing(rig) if live else places_of(from_images or (), rig)
     boards = _boards(board or ())
     lengths = [_length(each) for each in length or ()]
     _refuse(rig, places, origin=origin, keep=keep, tag_size_m=tag_size_m)
-    shots, faults = read_shots(rig_config, Asked(places, boards, stamps), hidden=as_json)
+    if live:
+        shots, faults = look_round(rig_config, yes=yes, hidden=as_json)
+    else:
+        shots, faults = read_shots(rig_config, Asked(places, boards, stamps), hidden=as_json)
     if origin and not any(origin in shot.corners_px for shot in shots):
         raise InputError(f"--origin {origin}: no picture shows it whole")
     sizes_m = _sizes_m(config, rig, shots, tag_size_m, lengths)
