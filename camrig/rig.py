@@ -6,6 +6,7 @@ Frozen, in SI units and radians; ``config`` builds it from YAML. Frames: docs/fr
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from datetime import date
 
 from camrig.geometry.arrays import Transform
 from camrig.geometry.lens import Lens
@@ -62,6 +63,8 @@ class CameraSpec:
     readout_s: float = 0.0
     refine_lens: bool = False
     lens_sigma: LensSigma = TYPICAL_SIGMA
+    calibrated: date | None = None
+    """When its place, or that of its head, was."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from camrig.calibrate.chains import Indices
-from camrig.calibrate.normal import Pattern, TagViews, counted, linearised, pattern, residuals_px
+from camrig.calibrate.normal import NOTHING_KNOWN, Pattern, Priors, TagViews, counted, linearised, pattern, residuals_px
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array
 from camrig.geometry.lens import Lens
@@ -36,11 +36,14 @@ _LEAST_LEFT = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Adjusted:
-    """The (n, 4, 4) most probable poses, and the pixels (m, 4, 2) by which they miss the corners, also over sigma."""
+    """The (n, 4, 4) most probable poses, and the pixels (m, 4, 2) by which they miss the corners, also over sigma;
+    which of the corners count (m, 4).
+    """
 
     T: Array
     residual_px: Array
     normalised: Array
+    counts: npt.NDArray[np.bool_]
     _left: Array
     _factor: SuperLU
     _slot: Indices
@@ -48,17 +51,17 @@ class Adjusted:
     @property
     def rms_px(self) -> float:
         """The root mean square distance of corners from where they were seen."""
-        return float(np.sqrt(2.0 * np.mean(np.square(self.residual_px))))
+        return float(np.sqrt(2.0 * np.mean(np.square(self.residual_px[self.counts]))))
 
     @property
     def median_px(self) -> float:
         """The median distance."""
-        return float(np.median(np.linalg.norm(self.residual_px, axis=-1)))
+        return float(np.median(np.linalg.norm(self.residual_px[self.counts], axis=-1)))
 
     def noise_factor(self) -> float:
         """Return by what the corners' sigma must be multiplied to be that of the middle half of these residuals."""
         unshrunk = self.normalised / np.sqrt(self._left)[:, None, None]
-        return float(np.median(np.abs(unshrunk)) / _MEDIAN_OF_NORMAL)
+        return float(np.median(np.abs(unshrunk[self.counts])) / _MEDIAN_OF_NORMAL)
 
     def covariance_of(self, pose: int) -> Array:
         """Return the (6, 6) covariance (geometry.pose) of one pose, all others unknown too; zero for one held."""
@@ -73,38 +76,47 @@ class Adjusted:
 
 
 def adjust(
-    views: TagViews, lenses: Sequence[Lens], start: Array, held: npt.NDArray[np.bool_], robust: bool = True
+    views: TagViews,
+    lenses: Sequence[Lens],
+    start: Array,
+    held: npt.NDArray[np.bool_],
+    robust: bool = True,
+    priors: Priors = NOTHING_KNOWN,
 ) -> Adjusted:
-    """Minimise the sum of squares of all corners over the poses that are not ``held`` (n,), from (n, 4, 4) ``start``.
+    """Minimise the sum of squares of all corners, and of how far ``priors`` are missed, over the poses that are not
+    ``held`` (n,), from (n, 4, 4) ``start``.
 
     Raises InputError where a pose that is not held is in no view, or where nothing holds the whole in place.
     """
     into = pattern(views.chains, held)
     T, damping = start.copy(), 1e-4
-    normal = linearised(views, lenses, T, into, robust)
+    normal = linearised(views, lenses, T, into, robust, priors)
     for _ in range(_STEPS):
         step = -_factorised(normal.H, damping).solve(normal.g)
         moved = T.copy()
         moved[into.poses] = move_stack(T[into.poses], np.ascontiguousarray(step.reshape(-1, 6)))
         chi2 = np.square(_normalised(views, residuals_px(views, lenses, moved))).sum(axis=(1, 2))
-        gain = normal.cost - float(counted(chi2, robust)[1].sum())
+        gain = normal.cost - float(counted(chi2, robust)[1].sum()) - priors.cost(moved)
         if gain >= 0.0:
             T, damping = moved, 0.1 * damping if damping > 1e-10 else 0.0
-            normal = linearised(views, lenses, T, into, robust)
+            normal = linearised(views, lenses, T, into, robust, priors)
         else:
             damping = max(10.0 * damping, 1e-6)
         if abs(gain) <= _DONE_SHARE * normal.cost:
             break
     residual_px = residuals_px(views, lenses, T)
     factor = _factorised(normal.H, 0.0)
-    return Adjusted(T, residual_px, _normalised(views, residual_px), _left(views, into), factor, into.slot)
+    counts = np.isfinite(views.sigma_px)
+    return Adjusted(T, residual_px, _normalised(views, residual_px), counts, _left(views, into), factor, into.slot)
 
 
 def _left(views: TagViews, into: Pattern) -> Array:
-    """Return what share (m,) of each view's numbers the unknowns leave: each pose takes six, evenly from its views."""
+    """Return what share (m,) of each view's numbers the unknowns leave: each pose takes six, evenly from its own."""
     slots = np.append(into.slot, -1)[views.chains.columns]
-    counts = np.bincount(slots[slots >= 0], minlength=1)
-    taken = np.where(slots >= 0, 6.0 / (8.0 * counts[slots]), 0.0).sum(axis=1)
+    numbers = 2.0 * np.isfinite(views.sigma_px).sum(axis=1)
+    every = np.broadcast_to(numbers[:, None], slots.shape)[slots >= 0]
+    of_pose = np.bincount(slots[slots >= 0], weights=every, minlength=1)
+    taken = np.where(slots >= 0, 6.0 / of_pose[slots], 0.0).sum(axis=1)
     return np.asarray(np.maximum(1.0 - taken, _LEAST_LEFT))
 
 

@@ -15,6 +15,7 @@ from camrig.geometry.arrays import Array
 from camrig.geometry.bundle_kernel import HUBER_CHI2
 from camrig.geometry.lens import Lens
 from camrig.geometry.pnp_kernel import MIN_DEPTH_M
+from camrig.geometry.pose import difference
 
 _AT_ONCE = 4096
 """Views linearised at a time: bounds the memory."""
@@ -23,7 +24,8 @@ _AT_ONCE = 4096
 @dataclass(frozen=True, slots=True, eq=False)
 class TagViews:
     """m tags in pictures: by which ``lens`` (m,) each was seen and how it hangs together, its (m, 4, 3) corners in the
-    tag's frame, its (m, 4, 2) pixels (OpenCV's), and their (m, 4) sigma.
+    tag's frame, its (m, 4, 2) pixels (OpenCV's), and their (m, 4) sigma; a corner of infinite sigma does not count.
+    A board with more corners is several of these.
     """
 
     lens: Indices
@@ -39,18 +41,41 @@ class TagViews:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Priors:
+    """What is known of ``poses`` (k,) beforehand: (k, 4, 4) where they are, (k, 6, 6) information (geometry.pose)."""
+
+    poses: Indices
+    T: Array
+    information: Array
+
+    def misses(self, T: Array) -> Array:
+        """Return the (k, 6) differences of (n, 4, 4) poses from what was known."""
+        pairs = zip(T[self.poses], self.T, strict=True)
+        return np.array([difference(now, before) for now, before in pairs]).reshape(-1, 6)
+
+    def cost(self, T: Array) -> float:
+        """Return the sum of squares of the misses over their sigma."""
+        e = self.misses(T)
+        return float(np.einsum("ki,kij,kj->", e, self.information, e))
+
+
+NOTHING_KNOWN = Priors(np.zeros(0, dtype=np.int64), np.zeros((0, 4, 4)), np.zeros((0, 6, 6)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Pattern:
     """Where the 6 x 6 blocks of the normal equations are: of which pairs of the u unknown poses.
 
     ``poses`` (u,) are the unknown ones, ``slot`` (n,) tells which of these a pose is (-1: it is held). ``rows`` and
-    ``columns`` are the blocks in compressed rows. Of each chunk of views one matrix adds up the blocks, another the
-    gradients.
+    ``columns`` are the blocks in compressed rows, ``diagonal`` (u,) those of a pose with itself. Of each chunk of views
+    one matrix adds up the blocks, another the gradients.
     """
 
     poses: Indices
     slot: Indices
     rows: Indices
     columns: Indices
+    diagonal: Indices
     add_blocks: tuple[sparse.csr_array, ...]
     add_gradients: tuple[sparse.csr_array, ...]
 
@@ -82,6 +107,7 @@ def pattern(chains: Chains, held: npt.NDArray[np.bool_]) -> Pattern:
         slot[:-1],
         rows,
         blocks % u,
+        np.searchsorted(blocks, np.arange(u) * (u + 1)),
         tuple(_adding(np.searchsorted(blocks, pair[chunk]), pair[chunk] >= 0, len(blocks)) for chunk in chunks),
         tuple(_adding(columns[chunk], columns[chunk] >= 0, u) for chunk in chunks),
     )
@@ -97,8 +123,10 @@ def _adding(to: Indices, used: npt.NDArray[np.bool_], size: int) -> sparse.csr_a
     return sparse.csr_array((np.ones(len(where)), (to.ravel()[where], where)), shape=(size, to.size))
 
 
-def linearised(views: TagViews, lenses: Sequence[Lens], T: Array, into: Pattern, robust: bool) -> Normal:
-    """Add up the normal equations of all views at (n, 4, 4) poses."""
+def linearised(
+    views: TagViews, lenses: Sequence[Lens], T: Array, into: Pattern, robust: bool, priors: Priors = NOTHING_KNOWN
+) -> Normal:
+    """Add up the normal equations of all views and priors at (n, 4, 4) poses."""
     u = len(into.poses)
     blocks, g, cost = np.zeros((len(into.columns), 36)), np.zeros((u, 6)), 0.0
     for k, (add_blocks, add_gradients) in enumerate(zip(into.add_blocks, into.add_gradients, strict=True)):
@@ -111,6 +139,11 @@ def linearised(views: TagViews, lenses: Sequence[Lens], T: Array, into: Pattern,
         H = weighted.swapaxes(1, 2) @ J
         blocks += add_blocks @ H.reshape(m, c, 6, c, 6).swapaxes(2, 3).reshape(-1, 36)
         g += add_gradients @ (residual[:, None] @ weighted).reshape(-1, 6)
+    free = into.slot[priors.poses] >= 0
+    slots, information = into.slot[priors.poses[free]], priors.information[free]
+    np.add.at(blocks, into.diagonal[slots], information.reshape(-1, 36))
+    np.add.at(g, slots, (information @ priors.misses(T)[free][..., None])[..., 0])
+    cost += priors.cost(T)
     # Symmetric: its rows are its columns.
     of_blocks = sparse.bsr_array((blocks.reshape(-1, 6, 6), into.columns, into.rows), shape=(6 * u, 6 * u))
     return Normal(sparse.csc_array(of_blocks), g.ravel(), cost)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import typer
 
 from camrig.cli.calibrate_board import board
+from camrig.cli.calibrate_body import body
+from camrig.cli.calibrate_check import check
 from camrig.cli.calibrate_extrinsics import extrinsics
 from camrig.cli.calibrate_head import head
 from camrig.cli.calibrate_intrinsics import intrinsics
@@ -22,5 +24,7 @@ calibrate.command()(board)
 calibrate.command()(intrinsics)
 calibrate.command()(extrinsics)
 calibrate.command()(head)
+calibrate.command()(body)
+calibrate.command()(check)
 calibrate.command("import")(import_lens)
 calibrate.command("export")(export_lens)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import date
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -15,6 +16,7 @@ from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.lens.errors import TYPICAL_SIGMA, LensSigma
 from camrig.geometry.pan_tilt import R_BODY_OPTICAL_DOWN, R_MOUNT_OPTICAL, PanTilt, aim_rotation
 from camrig.geometry.pose import transform
+from camrig.geometry.rotation import rotation_z
 from camrig.optimise.scene import Objective, Quality, Visibility
 from camrig.rig import (
     Anchor,
@@ -55,16 +57,19 @@ class DetectorModel(DeviceModel):
 
 
 class FixedPoseModel(StrictModel):
-    """Where a bolted camera stands and looks, as a level head would."""
+    """Where a bolted camera stands and looks, as a level head would, then turned about its optical axis (clockwise as
+    seen from behind it: the picture's contents turn the other way).
+    """
 
     position_m: Point
     pan_deg: Degrees = 0.0
     tilt_deg: Degrees = -90.0
+    roll_deg: Degrees = 0.0
 
     def build(self) -> Transform:
         """Return T_world_camera."""
         R = aim_rotation(math.radians(self.pan_deg), math.radians(self.tilt_deg)) @ R_MOUNT_OPTICAL
-        return transform(R, np.array(self.position_m))
+        return transform(R @ rotation_z(math.radians(self.roll_deg)), np.array(self.position_m))
 
 
 class MountModel(StrictModel):
@@ -110,7 +115,9 @@ class LensSigmaModel(StrictModel):
 
 
 class CameraModel(StrictModel):
-    """One camera: which lens, which source, which mount; what its calibration left wrong, and if that is estimated."""
+    """One camera: which lens, which source, which mount; what its calibration left wrong, and if that is estimated;
+    when its place (on a head: the head's) was calibrated.
+    """
 
     id: Name
     lens: Name
@@ -118,6 +125,7 @@ class CameraModel(StrictModel):
     mount: MountModel
     refine_lens: bool = False
     lens_sigma: LensSigmaModel = LensSigmaModel()
+    calibrated: date | None = None
 
 
 class HeadModel(DeviceModel):
@@ -198,13 +206,14 @@ class BodyTagModel(StrictModel):
 
 
 class TargetModel(StrictModel):
-    """A target: a named body with its tags."""
+    """A target: a named body with its tags, and when these were calibrated."""
 
     id: Name
     motion: Literal["floor", "drives", "free", "static"] = "floor"
     weight: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
     height_m: Annotated[float, Field(ge=-100.0, le=100.0)] | None = None
     tags: Annotated[tuple[BodyTagModel, ...], Field(min_length=1)]
+    calibrated: date | None = None
 
     @model_validator(mode="after")
     def _height_of_one_on_the_floor(self) -> TargetModel:

@@ -129,7 +129,8 @@ def read_rig(document: Document) -> RigConfig:
 
 def _camera(camera: CameraModel, lens: LensModel) -> CameraSpec:
     mount, sigma = camera.mount.build(), camera.lens_sigma.build()
-    return CameraSpec(camera.id, lens.build(), mount, lens.readout_s, camera.refine_lens, sigma)
+    when = camera.calibrated
+    return CameraSpec(camera.id, lens.build(), mount, lens.readout_s, camera.refine_lens, sigma, when)
 
 
 @dataclass

@@ -12,13 +12,14 @@ Frames of a head, outermost first:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pose import transform
-from camrig.geometry.rotation import rotation_y, rotation_z
+from camrig.geometry.rotation import rotation_log, rotation_y, rotation_z
 
 R_MOUNT_OPTICAL: Array = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from the optical frame to a forward-looking (x forward, y left, z up) frame."""
@@ -26,10 +27,25 @@ R_MOUNT_OPTICAL: Array = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0
 R_BODY_OPTICAL_DOWN: Array = np.diag([1.0, -1.0, -1.0])
 """Rotation from the optical frame of a straight-down camera to its drone's body: image right = body x."""
 
+_STRAIGHT_RAD = 1e-9
+"""Closer to straight up or down than this a camera has no pan."""
+
 
 def aim_rotation(pan_rad: float, tilt_rad: float) -> Array:
     """Return R_base_mount of a level head: Rz(pan) Ry(-tilt)."""
     return np.asarray(rotation_z(pan_rad) @ rotation_y(-tilt_rad))
+
+
+def look_of(R_world_camera: Array, straight_rad: float = _STRAIGHT_RAD) -> tuple[float, float, float]:
+    """Return the pan, tilt and roll (about the optical axis, after both) of a camera, in radians; of one that looks
+    straight up or down, or within ``straight_rad`` of it, the turn is all pan.
+    """
+    _, image_down, (x, y, z) = R_world_camera.T
+    if math.hypot(x, y) < straight_rad:
+        x, y = np.copysign(1.0, z) * image_down[:2]
+    pan_rad, tilt_rad = math.atan2(y, x), math.asin(min(max(z, -1.0), 1.0))
+    level = aim_rotation(pan_rad, tilt_rad) @ R_MOUNT_OPTICAL
+    return pan_rad, tilt_rad, float(rotation_log(level.T @ R_world_camera)[2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

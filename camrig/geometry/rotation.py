@@ -72,6 +72,14 @@ def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Arra
     return np.asarray(rotation_z(yaw_rad) @ rotation_y(pitch_rad) @ rotation_x(roll_rad))
 
 
+def rpy_of(R: Array) -> tuple[float, float, float]:
+    """Return the roll, pitch and yaw of ``rotation_from_rpy``; where pitch is a right angle, roll is 0."""
+    pitch = math.asin(min(max(-float(R[2, 0]), -1.0), 1.0))
+    if math.hypot(R[2, 1], R[2, 2]) < 1e-9:
+        return 0.0, pitch, math.atan2(-float(R[0, 1]), float(R[1, 1]))
+    return math.atan2(float(R[2, 1]), float(R[2, 2])), pitch, math.atan2(float(R[1, 0]), float(R[0, 0]))
+
+
 def upright_rotation(R: Array) -> Array:
     """Turn a rotation by the least angle that points its z axis up."""
     x, y, z = R[:, 2].tolist()

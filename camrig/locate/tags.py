@@ -80,7 +80,7 @@ def undistorted(lens: Lens, listed: Sequence[tuple[TagDetection, TagOwner]]) -> 
     points = observe_tags(lens, corners_px, refined)
     width_px = tag_width_px(corners_px)
     usable = np.isfinite(points.ideal).all(axis=(1, 2)) & (width_px >= MIN_WIDTH_PX)
-    usable &= ~_cut(corners_px, refined, width_px, lens.size_px)
+    usable &= ~cut_by_edge(corners_px, refined, width_px, lens.size_px)
     slopes = error_slopes(lens, points.ideal) / points.sigma_px[..., None, None]
     return tuple(
         SeenTag(detection, owner, float(width_px[k]), owner.corners_m, points.of(k), slopes[k])
@@ -89,10 +89,10 @@ def undistorted(lens: Lens, listed: Sequence[tuple[TagDetection, TagOwner]]) -> 
     )
 
 
-def _cut(
+def cut_by_edge(
     corners_px: Array, refined: npt.NDArray[np.bool_], width_px: Array, size_px: tuple[int, int]
 ) -> npt.NDArray[np.bool_]:
-    """Tell (n,) which tags the picture's edge cuts."""
+    """Tell (n,) which tags the picture's edge cuts: by (n, 4, 2) corners, whether these were refined, and widths."""
     inside_px = np.minimum(corners_px, np.array(size_px) - 1.0 - corners_px).min(axis=2)
     near = inside_px < CELL * width_px[:, None]
     return np.asarray((near & ~refined).any(axis=1) | (inside_px < 0.0).any(axis=1))

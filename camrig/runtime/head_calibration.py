@@ -118,7 +118,7 @@ def run_calibration(bench: HeadBench, place: Place, tell: Tell, servo: Callable[
 
 def _surveyed(bench: HeadBench, place: Place, tell: Tell) -> Survey | HeadFindings:
     """Survey a head; of one that takes no positions return how fast it turns, roughly."""
-    with _enabled(bench.head):
+    with enabled(bench.head):
         try:
             return survey(bench, place, tell)
         except DoesNotGo:
@@ -130,7 +130,7 @@ def _surveyed(bench: HeadBench, place: Place, tell: Tell) -> Survey | HeadFindin
 
 
 @contextmanager
-def _enabled(head: Head) -> Iterator[None]:
+def enabled(head: Head) -> Iterator[None]:
     """Have a head open and enabled while inside; it is stopped however that ends."""
     head.open()
     try:

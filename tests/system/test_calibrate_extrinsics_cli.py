@@ -13,13 +13,10 @@ import pytest
 
 from camrig.cli.calibrate_extrinsics import extrinsics
 from camrig.errors import InputError
-from camrig.geometry.arrays import GreyImage, Transform
 from camrig.geometry.lens import BrownLens
-from camrig.geometry.pnp import TAG_CORNERS
-from camrig.geometry.pose import apply, difference, invert, perturb, transform
+from camrig.geometry.pose import difference, invert, perturb, transform
 from camrig.geometry.rotation import rotation_x
-from camrig.rig import TagKey
-from camrig_emulators.tag_pictures import tag_texture
+from tests.drawn_rig import drawn
 
 LENS = BrownLens((480, 360), (420.0, 420.0), (239.5, 179.5))
 SIZE_M, ANCHOR_M = 0.12, 0.2
@@ -46,24 +43,6 @@ def camrig(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
 
 
-def drawn(T_world_camera: Transform, tags: dict[int, tuple[Transform, float]]) -> GreyImage:
-    """Draw tags four times too large, in their order, and average."""
-    scale, (width, height) = 4.0, LENS.size_px
-    picture = np.full((int(scale * height), int(scale * width)), 110, np.uint8)
-    for number, (T_world_tag, size_m) in tags.items():
-        texture = tag_texture(TagKey("tag36h11", number), 16)
-        rim, far = 15.5, len(texture) - 16.5
-        corners = LENS.project(apply(invert(T_world_camera) @ T_world_tag, size_m * TAG_CORNERS))
-        T_image_texture = cv2.getPerspectiveTransform(
-            np.array([[rim, far], [far, far], [far, rim], [rim, rim]], np.float32),
-            ((corners + 0.5) * scale - 0.5).astype(np.float32),
-        )
-        cv2.warpPerspective(
-            texture, T_image_texture, picture.shape[::-1], dst=picture, borderMode=cv2.BORDER_TRANSPARENT
-        )
-    return np.asarray(cv2.resize(picture, LENS.size_px, interpolation=cv2.INTER_AREA), np.uint8)
-
-
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Pictures of two cameras at eight instants, and the rig's file."""
@@ -77,7 +56,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         tags = {number: (T, ANCHOR_M) for number, T in ANCHORS.items()}
         tags |= {number: (T_world_board @ T, SIZE_M) for number, T in BOARD.items()}
         for name, T_world_camera in CAMERAS.items():
-            cv2.imwrite(str(folder / name / f"{name}-{instant:03d}.png"), drawn(T_world_camera, tags))
+            cv2.imwrite(str(folder / name / f"{name}-{instant:03d}.png"), drawn(LENS, T_world_camera, tags))
     return folder
 
 
@@ -96,7 +75,7 @@ def test_cameras_are_placed_in_the_world_by_anchors_and_a_walked_board(walk: Pat
     found = answer(ended)
     assert found["anchored"]
     assert found["median_px"] < 0.2
-    assert found["links"] == [{"cameras": ["north", "south"], "instants": 8}]
+    assert found["links"] == [{"cameras": ["north", "south"], "shared": 10}]
     assert (found["missing_links"], found["unplaced"]) == ([], [])
     for name, T in CAMERAS.items():
         off = difference(T, np.array(found["cameras"][name]["T_world_camera"]))

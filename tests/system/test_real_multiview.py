@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from camrig.calibrate.extrinsics import Extrinsics, Shot, extrinsics
+from camrig.calibrate.extrinsics import Extrinsics, extrinsics
+from camrig.calibrate.setup import Setup
+from camrig.calibrate.sighted import Shot
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.lens import BrownLens, FisheyeLens
 from camrig.geometry.pnp import TAG_CORNERS
@@ -59,9 +61,11 @@ def solve(shared_data: Path, name: str) -> Solved:
         for camera, tags in frame["det"].items()
     ]
     sizes_m = {tag: SIZE_M[name] for shot in shots for tag in shot.corners_px}
-    found = extrinsics(shots, lenses, sizes_m)
-    misses = np.linalg.norm(found.adjusted.residual_px, axis=-1)
-    ours = {(*each.picture, each.tag): misses[k] for k, each in enumerate(found.sighted)}
+    found = extrinsics(shots, Setup(lenses, sizes_m))
+    ours = {
+        (each.picture.camera, each.picture.instant, each.mark): np.linalg.norm(off, axis=1)
+        for each, off in zip(found.sighted, found.residual_px, strict=True)
+    }
     T, T_body = reference(data["reference"]), reference_bodies(data)
     theirs = {
         (shot.camera_id, shot.instant, tag): np.linalg.norm(
@@ -121,7 +125,10 @@ def test_tags_are_where_the_other_program_has_them(solved: tuple[str, Solved]) -
     name, of = solved
     ours, theirs = (
         np.stack([T[:3, 3] for T in poses])
-        for poses in (of.found.T_board_tag.values(), [of.T_theirs[f"tag_{tag}"] for tag in of.found.T_board_tag])
+        for poses in (
+            [mark.T for mark in of.found.body_marks.values()],
+            [of.T_theirs[f"tag_{tag}"] for tag in of.found.body_marks],
+        )
     )
     apart = [np.linalg.norm(at[:, None] - at, axis=-1) for at in (ours, theirs)]
     assert np.abs(apart[0] - apart[1]).max() < 0.1 * SIZE_M[name]
@@ -129,9 +136,10 @@ def test_tags_are_where_the_other_program_has_them(solved: tuple[str, Solved]) -
 
 def test_the_two_cameras_are_as_far_apart(shared_data: Path) -> None:
     of = solve(shared_data, "tagslam_2")
-    apart = [np.linalg.norm(T["cam1"][:3, 3]) for T in (of.found.T_world_camera, of.T_theirs)]
+    ours = {name: camera.T for name, camera in of.found.cameras.items()}
+    apart = [np.linalg.norm(T["cam1"][:3, 3]) for T in (ours, of.T_theirs)]
     assert apart[0] == pytest.approx(apart[1], rel=0.02)
-    turned = of.found.T_world_camera["cam1"][:3, :3] @ of.T_theirs["cam1"][:3, :3].T
+    turned = ours["cam1"][:3, :3] @ of.T_theirs["cam1"][:3, :3].T
     assert np.degrees(np.arccos(0.5 * (np.trace(turned) - 1.0))) < 0.5
 
 

@@ -10,8 +10,10 @@ from scipy.stats import chi2
 
 from camrig.calibrate.adjust import adjust
 from camrig.calibrate.chains import Chains, points_in_camera, slopes_in_camera
-from camrig.calibrate.extrinsics import Extrinsics, Shot, extrinsics
+from camrig.calibrate.extrinsics import Extrinsics, extrinsics
 from camrig.calibrate.normal import TagViews
+from camrig.calibrate.setup import Setup
+from camrig.calibrate.sighted import Shot
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.lens import BrownLens, FisheyeLens, Lens
@@ -65,12 +67,12 @@ def walk(seed: int, instants: int = 12, noise_px: float = NOISE_PX) -> Walk:
 
 
 def solve(of: Walk, lenses: dict[str, Lens] | None = None) -> Extrinsics:
-    return extrinsics(of.shots, lenses or LENSES, {f"t{k}": SIZE_M for k in range(8)})
+    return extrinsics(of.shots, Setup(lenses or LENSES, {f"t{k}": SIZE_M for k in range(8)}))
 
 
 def tag_error(found: Extrinsics, of: Walk, tag: str) -> Array:
-    board = next(name for name, T in found.T_board_tag.items() if (np.eye(4) == T).all())
-    return difference(invert(of.T_world_tag[board]) @ of.T_world_tag[tag], found.T_board_tag[tag])
+    board = next(name for name, mark in found.body_marks.items() if (np.eye(4) == mark.T).all())
+    return difference(invert(of.T_world_tag[board]) @ of.T_world_tag[tag], found.body_marks[tag].T)
 
 
 def test_each_pose_of_a_chain_moves_corners_as_its_slope_says() -> None:
@@ -95,8 +97,8 @@ def test_without_noise_everything_is_found_from_scratch() -> None:
     of = walk(1, noise_px=0.0)
     found = solve(of)
     assert found.unplaced == ()
-    assert found.T_world_camera["right"] == pytest.approx(of.T_rig_camera["right"], abs=1e-6)
-    assert max(float(np.abs(tag_error(found, of, tag)).max()) for tag in found.T_board_tag) < 1e-6
+    assert pytest.approx(of.T_rig_camera["right"], abs=1e-6) == found.cameras["right"].T
+    assert max(float(np.abs(tag_error(found, of, tag)).max()) for tag in found.body_marks) < 1e-6
 
 
 def test_covariances_and_noise_are_those_of_the_errors() -> None:
@@ -105,11 +107,11 @@ def test_covariances_and_noise_are_those_of_the_errors() -> None:
     for seed in range(12):
         of = walk(seed)
         found = solve(of)
-        error = difference(of.T_rig_camera["right"], found.T_world_camera["right"])
-        camera.append(float(error @ np.linalg.solve(found.camera_covariance["right"], error)))
-        name = next(name for name, C in found.tag_covariance.items() if C.any())
+        error = difference(of.T_rig_camera["right"], found.cameras["right"].T)
+        camera.append(float(error @ np.linalg.solve(found.cameras["right"].covariance, error)))
+        name = next(name for name, mark in found.body_marks.items() if mark.covariance.any())
         error = tag_error(found, of, name)
-        tag.append(float(error @ np.linalg.solve(found.tag_covariance[name], error)))
+        tag.append(float(error @ np.linalg.solve(found.body_marks[name].covariance, error)))
         noise.append(found.noise_px)
     low, high = (float(chi2.ppf(p, 6 * len(tag))) / len(tag) for p in (0.001, 0.999))
     assert low <= np.mean(camera) <= high
@@ -123,7 +125,7 @@ def test_a_few_tags_misread_change_little() -> None:
         tag, corners = next(iter(of.shots[k].corners_px.items()))
         of.shots[k] = Shot(of.shots[k].camera_id, of.shots[k].instant, {**of.shots[k].corners_px, tag: corners + 30.0})
     found = solve(of)
-    assert difference(of.T_rig_camera["right"], found.T_world_camera["right"]) == pytest.approx(np.zeros(6), abs=2e-3)
+    assert difference(of.T_rig_camera["right"], found.cameras["right"].T) == pytest.approx(np.zeros(6), abs=2e-3)
     assert found.noise_px == pytest.approx(NOISE_PX, rel=0.2)
 
 
@@ -131,9 +133,9 @@ def test_what_hangs_on_nothing_else_is_named() -> None:
     of = walk(4)
     apart = [shot for shot in of.shots if (shot.camera_id == "left") == (shot.instant < 6)]
     alone = Shot("left", 99, {"t9": next(iter(of.shots[0].corners_px.values()))})
-    found = extrinsics([*apart, alone], LENSES, {f"t{k}": SIZE_M for k in range(10)})
+    found = extrinsics([*apart, alone], Setup(LENSES, {f"t{k}": SIZE_M for k in range(10)}))
     assert found.unplaced == ("right", "t9")
-    assert set(found.T_world_camera) == {"left"}
+    assert set(found.cameras) == {"left"}
 
 
 def test_anchors_put_cameras_in_the_world() -> None:
@@ -153,23 +155,23 @@ def test_anchors_put_cameras_in_the_world() -> None:
             pixels = {
                 tag: lens.project(apply(invert(cameras[name]) @ T, SIZE_M * TAG_CORNERS)) for tag, T in places.items()
             }
-            seen = {
+            seen = [
                 tag for tag, px in pixels.items() if np.isfinite(px).all() and (name == "left" or tag not in anchors)
-            }
+            ]
             shots.append(Shot(name, k, {tag: pixels[tag] + rng.normal(size=(4, 2)) * NOISE_PX for tag in seen}))
-    found = extrinsics(shots, LENSES, dict.fromkeys((*board, *anchors), SIZE_M), anchors)
+    found = extrinsics(shots, Setup(LENSES, dict.fromkeys((*board, *anchors), SIZE_M), anchors))
     assert found.anchored
     assert found.unplaced == ()
     for name, T in cameras.items():
-        error = difference(T, found.T_world_camera[name])
-        nees = float(error @ np.linalg.solve(found.camera_covariance[name], error))
+        error = difference(T, found.cameras[name].T)
+        nees = float(error @ np.linalg.solve(found.cameras[name].covariance, error))
         assert nees < float(chi2.ppf(0.999, 6))
         assert np.linalg.norm(error[:3]) < 0.02
 
 
 def test_nothing_seen_is_told_in_one_sentence() -> None:
-    with pytest.raises(InputError, match="no camera shows a tag"):
-        extrinsics([Shot("left", 0, {})], LENSES, {})
+    with pytest.raises(InputError, match="no camera shows a tag or a board"):
+        extrinsics([Shot("left", 0, {})], Setup(LENSES, {}))
 
 
 def test_a_pose_without_a_view_is_told() -> None:
