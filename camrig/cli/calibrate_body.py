@@ -15,8 +15,7 @@ from rich.table import Column, Table
 from camrig.calibrate.body import Layout, layout
 from camrig.calibrate.judge import loose_marks
 from camrig.cli.calibration_pictures import Asked, places_of, read_shots
-from camrig.cli.console import people, print_json, results
-from camrig.cli.experiment_common import note
+from camrig.cli.console import note, people, print_json, results
 from camrig.cli.extrinsics_answer import rpy_deg
 from camrig.cli.extrinsics_changes import in_words, metres, pose_of, tell_unwritten, today
 from camrig.config.amend import amend_rig

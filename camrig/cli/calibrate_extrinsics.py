@@ -16,8 +16,7 @@ from camrig.calibrate.setup import CARRIED, OnHead, Setup
 from camrig.calibrate.sighted import ROOM, Shot
 from camrig.calibrate.stillness import Moved, Stillness, stillness, without_moved
 from camrig.cli.calibration_pictures import Asked, listed_sizes_m, places_of, read_shots
-from camrig.cli.console import people, print_json
-from camrig.cli.experiment_common import note
+from camrig.cli.console import note, people, print_json
 from camrig.cli.extrinsics_answer import Answer
 from camrig.cli.extrinsics_changes import changes, in_words, tell_unwritten, today
 from camrig.cli.extrinsics_live import look_round, seeing

@@ -11,8 +11,7 @@ import yaml
 from camrig.calibrate.boards import AprilGrid, Board, board_word, parse_board
 from camrig.calibrate.intrinsics import Intrinsics, Kind, calibrate_lens, steps
 from camrig.cli.board_shots import BoardShots, read_shots, through_lens
-from camrig.cli.console import print_json, progress_bar
-from camrig.cli.experiment_common import note
+from camrig.cli.console import note, print_json, progress_bar
 from camrig.cli.intrinsics_answer import as_json, print_lens
 from camrig.cli.live_shots import live_shots
 from camrig.config.amend import amend_rig

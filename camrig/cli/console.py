@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 people = Console(stderr=True)
@@ -22,6 +23,11 @@ def print_json(answer: Mapping[str, object]) -> None:
     """Write one JSON object on a line of standard output; NaN and infinity become null."""
     sys.stdout.write(json.dumps(finite(answer), ensure_ascii=False, allow_nan=False) + "\n")
     sys.stdout.flush()
+
+
+def note(text: str) -> None:
+    """Tell people something beside the answer, in its own words: brackets are no markup."""
+    people.print(f"[yellow]note:[/yellow] {escape(text)}", soft_wrap=True, highlight=False)
 
 
 @contextmanager

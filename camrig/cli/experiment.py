@@ -11,9 +11,9 @@ import numpy as np
 import typer
 
 from camrig.cli.choice import choice, choices
-from camrig.cli.console import print_json, progress_bar
+from camrig.cli.console import note, print_json, progress_bar
 from camrig.cli.experiment_accuracy import accuracy
-from camrig.cli.experiment_common import note, sizes_of, tell_left_out, write
+from camrig.cli.experiment_common import sizes_of, tell_left_out, write
 from camrig.cli.experiment_model import model
 from camrig.cli.experiment_table1 import table1
 from camrig.cli.experiment_table2 import table2

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeVar
 
 import typer
-from rich.markup import escape
 
-from camrig.cli.console import finite, people, print_json, progress_bar
+from camrig.cli.console import finite, note, people, print_json, progress_bar
 from camrig.cli.signals import interrupting
 from camrig.errors import InputError, PartialError
 from camrig.experiments.kept import Kept
@@ -109,8 +108,3 @@ def tell_left_out(reasons: Collection[str], *, by_name: bool) -> None:
     if by_name:
         raise PartialError(text)
     note(text)
-
-
-def note(text: str) -> None:
-    """Tell people something beside the answer, in its own words: brackets are no markup."""
-    people.print(f"[yellow]note:[/yellow] {escape(text)}", soft_wrap=True, highlight=False)

@@ -10,7 +10,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from camrig.cli.experiment_common import Out, Processes, folder_of, hand_out, note, results_of
+from camrig.cli.console import note
+from camrig.cli.experiment_common import Out, Processes, folder_of, hand_out, results_of
 from camrig.experiments import machine
 from camrig.experiments.kept import Kept
 from camrig.experiments.model import CORNERS, MODES, QUALITIES, Setup, Sighted, jobs, work

@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from camrig.cli.choice import choices
-from camrig.cli.console import people
-from camrig.cli.experiment_common import Out, Processes, folder_of, hand_out, note, results_of, sizes_of, tell_left_out
+from camrig.cli.console import note, people
+from camrig.cli.experiment_common import Out, Processes, folder_of, hand_out, results_of, sizes_of, tell_left_out
 from camrig.cli.kernels import load_daemons_kernels, load_kernels
 from camrig.config.models import PlannerModel
 from camrig.errors import InputError

@@ -14,8 +14,8 @@ from typing import Annotated
 import typer
 
 from camrig.cli.choice import choices
-from camrig.cli.console import people, progress_bar
-from camrig.cli.experiment_common import Out, folder_of, hand_out, note
+from camrig.cli.console import note, people, progress_bar
+from camrig.cli.experiment_common import Out, folder_of, hand_out
 from camrig.cli.kernels import load_daemons_kernels, load_kernels
 from camrig.cli.run import log_to_stderr, stopped_by_signals
 from camrig.config.rig_file import RigConfig, load_rig

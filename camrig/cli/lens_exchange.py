@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 import yaml
 
-from camrig.cli.console import print_json, results
-from camrig.cli.experiment_common import note
+from camrig.cli.console import note, print_json, results
 from camrig.config.amend import amend_rig
 from camrig.config.document import load_document
 from camrig.config.kept_file import write

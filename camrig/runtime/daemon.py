@@ -17,11 +17,12 @@ from camrig.errors import CamrigError, HardwareError
 from camrig.interfaces import Sink
 from camrig.messages import FlightState, HeadAim, LinkReport
 from camrig.pipeline import Settings
-from camrig.runtime.build import make_jobs, make_sinks
+from camrig.runtime.build import make_sinks
 from camrig.runtime.control import LEAST_TICK_S, TICK_S, Control, Devices
 from camrig.runtime.drone_job import DroneJob
 from camrig.runtime.guardian_link import GuardianLink
 from camrig.runtime.head_job import HeadJob
+from camrig.runtime.jobs import make_jobs
 from camrig.runtime.link_counts import counted_of_all
 from camrig.runtime.mailbox import Mailbox
 from camrig.runtime.notify import Notifier
@@ -35,9 +36,7 @@ COMPILING_S = 600.0
 """Three quarters of a minute on a desktop computer; a small one may take ten times as long."""
 BEAT_LIMIT_S = 15.0
 """A worker silent for longer is stuck: the watchdog is no longer fed. Opening a drone's link may take 10 s."""
-JOIN_S = 5.0
-FLUSH_S = 0.5
-SUPERVISE_S = 0.2
+JOIN_S, FLUSH_S, SUPERVISE_S = 5.0, 0.5, 0.2
 
 
 @dataclass

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camrig.cli.console import print_json, progress_bar
-from camrig.cli.experiment_common import note
+from camrig.cli.console import note, print_json, progress_bar
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
