@@ -131,7 +131,9 @@ def _linearise(
             for j in range(4):
                 J[2 * k + row, 6 + j] = lens_slopes[k, row, j]
                 r[2 * k + row] += lens_slopes[k, row, j] * lens[j]
-    r += np.ascontiguousarray(J[:, 13:]) @ slack
+    by_turn = np.ascontiguousarray(J[:, 13:])  # what is added to the turn; the body's own rotation comes before it
+    r += by_turn @ slack
+    J[:, 13:] = by_turn @ np.ascontiguousarray(turn)
 
 
 @compiled

@@ -165,7 +165,7 @@ def _rows(
             turn_rad = expected_rad
             if name in turns:
                 before = first_seen.setdefault(name, turns[name])
-                turn_rad = _seen_turn_rad(before, turns[name], seen.body, expected_rad)
+                turn_rad = _seen_turn_rad(before, turns[name], seen.body, expected_rad) if dt_s else turn_rad
             turn, slack_rad = rotation_exp(turn_rad), expected_rad - turn_rad
             for tag in seen.tags:
                 yield _Row(c, names.index(name), tag, shift_m, spread, turn, slack_rad)

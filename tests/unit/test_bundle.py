@@ -14,6 +14,7 @@ from camrig.geometry.bundle import Estimate, adjust, camera_evidence, projected
 from camrig.geometry.lens import BrownLens, FisheyeLens
 from camrig.geometry.lens.errors import error_slopes
 from camrig.geometry.pnp_kernel import move_stack
+from camrig.geometry.rotation import rotation_exp
 from camrig.locate import AS_CALIBRATED
 from camrig.locate.joint_problem import Problem, build
 from camrig.messages import Motion
@@ -46,9 +47,11 @@ def moved(at: Estimate, cameras: Array, bodies: Array) -> Estimate:
     return Estimate(move_stack(at.cameras, cameras[:, :6]), at.lenses + cameras[:, 6:], move_stack(at.bodies, bodies))
 
 
-@pytest.mark.parametrize("spread_s", [0.0, 0.1])
-def test_the_gradient_is_the_slope_of_the_cost(spread_s: float) -> None:
+@pytest.mark.parametrize(("spread_s", "turn_rad"), [(0.0, 0.0), (0.1, 0.0), (0.0, 0.3)])
+def test_the_gradient_is_the_slope_of_the_cost(spread_s: float, turn_rad: float) -> None:
     of = problem(spread_s)
+    turn = np.where((of.views.body >= 0)[:, None, None], rotation_exp(np.array([0.0, 0.0, turn_rad])), np.eye(3))
+    of = replace(of, views=replace(of.views, turn=turn, slack_rad=np.zeros((len(turn), 3))))
     normal = normal_at(of, of.start)
     for k in range(10):
         for c in range(3):
