@@ -14,6 +14,7 @@ from rich.table import Column, Table
 
 from camrig.calibrate.body import Layout, layout
 from camrig.calibrate.judge import loose_marks
+from camrig.cli.asked_files import write_report
 from camrig.cli.calibration_pictures import Asked, places_of, read_shots
 from camrig.cli.console import note, people, print_json, results
 from camrig.cli.extrinsics_answer import rpy_deg
@@ -24,7 +25,7 @@ from camrig.config.rig_file import load_rig
 from camrig.errors import InputError, PartialError
 from camrig.geometry.arrays import Array
 from camrig.geometry.pose import difference
-from camrig.report.calibration import CalibrationReport, Drawing, Verdict, write_report
+from camrig.report.calibration import CalibrationReport, Drawing, Verdict
 from camrig.report.calibration import Table as PageTable
 from camrig.rig import Body, Rig
 

@@ -17,6 +17,7 @@ from camrig.calibrate.fit_now import FitNow, Off, fit_now, stations
 from camrig.calibrate.setup import OnHead, Setup
 from camrig.calibrate.sighted import ROOM, Shot
 from camrig.calibrate.stillness import stillness
+from camrig.cli.asked_files import write_report
 from camrig.cli.calibration_pictures import Asked, listed_sizes_m, places_of, read_shots
 from camrig.cli.console import print_json, results
 from camrig.cli.extrinsics_changes import today
@@ -24,7 +25,7 @@ from camrig.cli.rig_shots import rig_shots
 from camrig.config.rig_file import load_rig
 from camrig.errors import InputError, PartialError
 from camrig.geometry.arrays import Array, Transform
-from camrig.report.calibration import CalibrationReport, Verdict, write_report
+from camrig.report.calibration import CalibrationReport, Verdict
 from camrig.report.calibration import Table as PageTable
 from camrig.rig import FixedMount, HeadMount, Rig
 

@@ -15,6 +15,7 @@ from camrig.calibrate.scale import Length, with_lengths
 from camrig.calibrate.setup import CARRIED, OnHead, Setup
 from camrig.calibrate.sighted import ROOM, Shot
 from camrig.calibrate.stillness import Moved, Stillness, stillness, without_moved
+from camrig.cli.asked_files import write_report
 from camrig.cli.calibration_pictures import Asked, listed_sizes_m, places_of, read_shots
 from camrig.cli.console import note, people, print_json
 from camrig.cli.extrinsics_answer import Answer
@@ -107,8 +108,6 @@ def extrinsics(
     else:
         answer.print()
     if report is not None:
-        from camrig.report.calibration import write_report  # noqa: PLC0415 - draws, which takes its time to load
-
         write_report(report, answer.report(f"camrig calibrate extrinsics {config}, {today()}"))
     bad = list(answer.lost())
     if not answer.is_usable:

@@ -14,6 +14,7 @@ import typer
 
 from camrig.calibrate.head_model import AxisModel, HeadModel
 from camrig.calibrate.head_result import HeadResult
+from camrig.cli.asked_files import write_report
 from camrig.cli.calibrate_head_answer import as_json, page, print_result
 from camrig.cli.console import people, print_json, progress_bar
 from camrig.cli.lending import lent
@@ -24,7 +25,6 @@ from camrig.config.head_changes import head_changes
 from camrig.config.rig_file import RigConfig, load_rig
 from camrig.detect import warm_up
 from camrig.errors import InputError, PartialError
-from camrig.report.calibration import write_report
 from camrig.rig import CameraSpec, HeadMount, Interval
 from camrig.runtime.emulated import emulated_world
 from camrig.runtime.head_bench import HeadBench, Interrupted

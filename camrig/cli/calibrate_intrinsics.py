@@ -10,6 +10,7 @@ import yaml
 
 from camrig.calibrate.boards import AprilGrid, Board, board_word, parse_board
 from camrig.calibrate.intrinsics import Intrinsics, Kind, calibrate_lens, steps
+from camrig.cli.asked_files import write_report
 from camrig.cli.board_shots import BoardShots, read_shots, through_lens
 from camrig.cli.console import note, print_json, progress_bar
 from camrig.cli.intrinsics_answer import as_json, print_lens
@@ -20,7 +21,6 @@ from camrig.config.kept_file import former, write
 from camrig.config.lens_entry import lens_changes, lens_entry, with_zoom_row
 from camrig.config.rig_file import RigConfig, load_rig
 from camrig.errors import InputError, PartialError
-from camrig.report.calibration import write_report
 from camrig.report.intrinsics_report import intrinsics_report
 
 

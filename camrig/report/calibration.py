@@ -7,17 +7,12 @@ get the figures. What draws is handed in as a function of a figure, so that this
 from __future__ import annotations
 
 import io
-import os
 import re
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from html import escape
-from pathlib import Path
 from typing import Any
-
-from camrig.errors import InputError
 
 WITHOUT_FIGURES = "No figures without matplotlib: pip install 'camrig[pictures]', and calibrate again."
 
@@ -65,22 +60,6 @@ class CalibrationReport:
     facts: Mapping[str, str]
     sections: Sequence[Table | Drawing] = field(default_factory=tuple)
     made: str = ""
-
-
-def write_report(path: Path, report: CalibrationReport) -> None:
-    """Write a page whole or not at all; raises InputError where the file cannot be written."""
-    text = report_html(report)
-    scratch = None
-    try:
-        with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, suffix=".part", delete=False) as file:
-            scratch = file.name
-            file.write(text)
-        os.chmod(scratch, 0o644)
-        os.replace(scratch, path)
-    except OSError as error:
-        if scratch is not None:
-            Path(scratch).unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def report_html(report: CalibrationReport) -> str:

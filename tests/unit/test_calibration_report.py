@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from camrig.cli.asked_files import write_report
 from camrig.errors import InputError
 from camrig.report.calibration import (
     WITHOUT_FIGURES,
@@ -17,7 +18,6 @@ from camrig.report.calibration import (
     Table,
     Verdict,
     report_html,
-    write_report,
 )
 
 pytestmark = pytest.mark.usefixtures("picture_fonts")
@@ -69,5 +69,5 @@ def test_a_page_is_written_whole_and_leaves_nothing_else(tmp_path: Path) -> None
 
 
 def test_a_page_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written: No such file"):
+    with pytest.raises(InputError, match="cannot be written: there is no folder"):
         write_report(tmp_path / "missing" / "lens.html", REPORT)
