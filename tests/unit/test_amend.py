@@ -15,8 +15,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camrig.config.amend import amend_rig, amended
-from camrig.config.kept_file import former, write
+from camrig.config.amend import amend_rig, amended, check_amendable
+from camrig.config.kept_file import former, replace, write
 from camrig.errors import InputError
 
 EXAMPLE = Path(__file__).parents[2] / "configs" / "demo.yaml"
@@ -44,6 +44,10 @@ again: *twice
 merged:
   <<: *twice
   b: *twice
+around: {named: &alone 1, inner: &inner {deep: {x: 1}}}
+merges: {<<: [*inner]}
+block: &block
+  key: 1
 last: [1, 2]   # end"""
 
 
@@ -65,8 +69,10 @@ last: [1, 2]   # end"""
         (("empty",), 3, "empty: 3"),
         (("empty", "key"), 3, "empty: {key: 3}"),
         (("merged", "a"), 2, "  a: 2"),
+        (("block", "new"), 3, "  new: 3"),
         (("last", 0), 7, "last: [7, 2]   # end"),
         (("last", 2), 3, "last: [1, 2, 3]   # end"),
+        (("items", 0), {"id": 1}, "items: [{id: 1}]"),
         (("new", "key"), [1.5, None, "a: b"], "new: {key: [1.5, null, 'a: b']}"),
     ],
 )
@@ -87,11 +93,25 @@ def test_one_place_changes_and_the_rest_stays(path: tuple[str | int, ...], value
         (("heads", "pt9", "port"), "no such place"),
         (("rig", "name"), "no such place"),
         (("last", 5), "no such place"),
+        (("shared", "a"), "line 19"),
+        (("shared",), "line 19"),
+        (("around",), "shared"),
+        (("around", "named"), "&anchor, which would be lost"),
+        (("around", "inner", "deep", "x"), "shared"),
+        (("merges", "deep", "x"), "merged from elsewhere"),
     ],
 )
 def test_a_place_that_is_not_there_is_named(path: tuple[str | int, ...], about: str) -> None:
     with pytest.raises(InputError, match=about):
         amended(HAND_WRITTEN, {path: 1})
+
+
+def test_one_head_does_not_change_another_through_its_anchor() -> None:
+    text = "heads: [&pt {id: pt1, axes: {pan: {sign: 1}}}, {<<: *pt, id: pt2}]\n"
+
+    for head in ("pt1", "pt2"):
+        with pytest.raises(InputError, match=f"heads.{head}.axes.pan.sign: stands in what is"):
+            amended(text, {("heads", head, "axes", "pan", "sign"): -1})
 
 
 VALUES = st.recursive(
@@ -164,6 +184,43 @@ def test_a_folder_that_may_not_be_written_is_named(tmp_path: Path) -> None:
         write(tmp_path / "none" / "rig.yaml", "rig: a\n")
 
 
+def test_a_file_that_nobody_may_write_stays_even_for_root(tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text("rig: a\n")
+    path.chmod(0o444)
+
+    for put in (lambda: write(path, "rig: b\n"), lambda: replace(path, b"rig: b\n")):
+        with pytest.raises(InputError, match=r"rig\.yaml cannot be written: it is read-only"):
+            put()
+
+    assert path.read_text() == "rig: a\n"
+    assert [*tmp_path.iterdir()] == [path]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
+def test_a_file_stays_its_owners(tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text("rig: a\n")
+    os.chown(path, 1234, 1235)
+
+    write(path, "rig: b\n")
+
+    for each in (path, former(path)):
+        assert (each.stat().st_uid, each.stat().st_gid) == (1234, 1235)
+
+
+def test_whether_a_file_takes_changes_is_known_before(tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text("a: &a {b: 1}\nc: *a\nd: [1]\n")
+
+    check_amendable(path, [("d", 1), ("new", "key")])
+    with pytest.raises(InputError, match=r"rig\.yaml cannot take what --write would set: a\.b"):
+        check_amendable(path, [("a", "b")])
+    path.chmod(0o444)
+    with pytest.raises(InputError, match="read-only"):
+        check_amendable(path, [("d", 1)])
+
+
 WRITER = """
 import sys
 from pathlib import Path
@@ -200,7 +257,7 @@ def _with(data: Any, path: tuple[str | int, ...], value: Any) -> Any:
                 inside[key] = value
         else:
             if isinstance(inside, dict) and inside.get(key) is None:
-                inside[key] = {}
+                inside[key] = [] if path[place + 1] == 0 else {}
             inside = inside[key]
     return data
 
