@@ -41,7 +41,7 @@ def write_report(path: Path, report: CalibrationReport) -> None:
 
 @contextmanager
 def collected(faults: list[str]) -> Iterator[None]:
-    """Take what is refused inside into ``faults`` instead: a file that fails does not cost the others, or the answer."""
+    """Take what is refused inside into ``faults`` instead: one file does not cost the others, or the answer."""
     try:
         yield
     except InputError as error:

@@ -37,12 +37,13 @@ def import_lens(
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"{file} cannot be read: {reason}") from error
+    _check(config, camera, write_rig=write_rig)
     try:
         how, lenses = read_lenses(text, camera or file.stem, _size(size_px))
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
     entries = {name: _entry(lens) for name, lens in lenses.items()}
-    if write_rig:
+    if write_rig and config is not None and camera is not None:
         _put(config, camera, lenses)
     if out is not None:
         write(out, yaml.safe_dump({"lenses": entries}, sort_keys=False, default_flow_style=None, width=120))
@@ -93,15 +94,22 @@ def _entry(lens: LensModel) -> dict[str, object]:
     return {key: value for key, value in lens_entry(lens.build(), lens.distortion).items() if key != "r_max"}
 
 
-def _put(config: Path | None, camera: str | None, lenses: dict[str, LensModel]) -> None:
-    if config is None or camera is None:
+def _check(config: Path | None, camera: str | None, *, write_rig: bool) -> None:
+    """Raise InputError where the rig has no such camera, or what --write needs is not given."""
+    if write_rig and (config is None or camera is None):
         raise InputError("--write needs the rig's file and the camera, as in import lens.yml rig.yaml north")
+    if config is not None:
+        rig = load_rig(config).rig
+        if camera is not None and camera not in rig.cameras:
+            raise InputError(f"rig '{rig.name}' has no camera '{camera}'; it has {', '.join(rig.cameras)}")
+
+
+def _put(config: Path, camera: str, lenses: dict[str, LensModel]) -> None:
     if len(lenses) != 1:
         raise InputError(f"the file has {len(lenses)} lenses ({', '.join(lenses)}): write it with --out, and take one")
-    rig = load_rig(config).rig
-    if camera not in rig.cameras:
-        raise InputError(f"rig '{rig.name}' has no camera '{camera}'; it has {', '.join(rig.cameras)}")
     (lens,) = lenses.values()
-    entry = lens_entry(lens.build(), lens.distortion)
-    amend_rig(config, lens_changes(load_document(config), camera, entry, None))
+    changes = lens_changes(load_document(config), camera, lens_entry(lens.build(), lens.distortion), None)
+    amend_rig(config, changes)
     note(f"written: {config}")
+    if ("cameras", camera, "lens_sigma") in changes:
+        note(f"{camera}'s lens_sigma was of its former lens, and is the usual one now: the file does not say its own")

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from camrig.config.document import Document, KeyPath
+from camrig.config.models import LensSigmaModel
 from camrig.errors import InputError
 from camrig.geometry.lens import BrownLens, FisheyeLens
 
@@ -34,8 +35,9 @@ def lens_changes(
 ) -> dict[KeyPath, object]:
     """Return what to amend in a rig's file: the lens of a camera, and what it may be off by where that is known.
 
-    A lens that other cameras have too stays theirs: the camera gets one of its own name. Raises InputError where that
-    name is taken, or where the lens has a table of zoom.
+    Without ``sigma`` a camera that has one gets the usual one: its own was of its former lens. A lens of other cameras
+    too stays theirs: the camera gets one of its own name. Raises InputError where that name is taken, or where the
+    lens has a table of zoom.
     """
     cameras = [each for each in document.data["cameras"] if isinstance(each, dict)]
     mine = next(each for each in cameras if each.get("id") == camera)
@@ -57,6 +59,8 @@ def lens_changes(
         changes |= {("lenses", name, key): value for key, value in entry.items()}
     if sigma is not None:
         changes["cameras", camera, "lens_sigma"] = _lens_sigma(entry, sigma)
+    elif "lens_sigma" in mine:
+        changes["cameras", camera, "lens_sigma"] = LensSigmaModel().model_dump()
     return changes
 
 

@@ -16,7 +16,8 @@ from camrig.cli.main import build
 from camrig.config.lens_files import LensFormat, read_lenses, write_lens
 from camrig.config.lenses import LensModel
 from camrig.config.rig_file import load_rig
-from camrig.errors import InputError
+from camrig.errors import ConfigError, InputError
+from camrig.geometry.lens.errors import TYPICAL_SIGMA
 
 FX = 894.5288733178912
 
@@ -141,3 +142,35 @@ def test_import_and_export_from_the_command_line(tmp_path: Path, capsys: pytest.
         run("export", rig, "other")
     with pytest.raises(InputError, match="cannot be read: No such file"):
         run("import", tmp_path / "nowhere.yaml")
+
+
+def command(*arguments: object) -> None:
+    build(("calibrate",))(["calibrate", *map(str, arguments)], standalone_mode=False)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """A lens of ROS's, and a rig."""
+    lens, rig = tmp_path / "lens.yml", tmp_path / "rig.yaml"
+    lens.write_text(write_lens(LENSES["plain"], "cam", LensFormat.ROS))
+    rig.write_text(RIG)
+    return lens, rig
+
+
+def test_an_imported_lens_does_not_keep_the_sigma_of_the_former(
+    files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    lens, rig = files
+    rig.write_text(RIG.replace("lens: own,", "lens: own, lens_sigma: {f_percent: 0.001},"))
+    command("import", lens, rig, "north", "--write")
+    assert load_rig(rig).rig.cameras["north"].lens_sigma == TYPICAL_SIGMA
+    assert "lens_sigma was of its former lens" in capsys.readouterr().err
+
+
+def test_a_rig_that_is_given_is_looked_at_though_nothing_is_written(files: tuple[Path, Path]) -> None:
+    lens, rig = files
+    with pytest.raises(InputError, match="has no camera 'south'; it has north"):
+        command("import", lens, rig, "south")
+    rig.write_text("rig: 3\n")
+    with pytest.raises(ConfigError):
+        command("import", lens, rig)
