@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-import yaml
 
 from camrig.calibrate.boards import AprilGrid, Board, board_word, parse_board
 from camrig.calibrate.intrinsics import Intrinsics, Kind, calibrate_lens, steps
@@ -14,14 +13,19 @@ from camrig.cli.asked_files import write_report
 from camrig.cli.board_shots import BoardShots, read_shots, through_lens
 from camrig.cli.console import note, print_json, progress_bar
 from camrig.cli.intrinsics_answer import as_json, print_lens
+from camrig.cli.lens_exchange import into_file
 from camrig.cli.live_shots import live_shots
 from camrig.config.amend import amend_rig
 from camrig.config.document import load_document
-from camrig.config.kept_file import former, write
-from camrig.config.lens_entry import lens_changes, lens_entry, with_zoom_row
+from camrig.config.kept_file import former
+from camrig.config.lens_book import check_place
+from camrig.config.lens_entry import lens_changes, lens_entry
 from camrig.config.rig_file import RigConfig, load_rig
 from camrig.errors import InputError, PartialError
 from camrig.report.intrinsics_report import intrinsics_report
+
+_NAMELESS = "lens"
+"""What a lens is called in --out where no camera is named."""
 
 
 def intrinsics(
@@ -42,7 +46,7 @@ def intrinsics(
         float | None, typer.Option(help="The zoom's position: fills that row of the lens in --out.")
     ] = None,
     write_rig: Annotated[bool, typer.Option("--write", help="Write the lens into the rig's file.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Write the lens to a file of its own, for detect --lens.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Put the lens into a file of lenses, for detect --lens.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a page of HTML with figures.")] = None,
     as_json_line: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
@@ -57,6 +61,8 @@ def intrinsics(
     places = [*(from_images or ()), *(from_video or ())]
     if zoom_position is not None and out is None:
         raise InputError("--zoom-position fills a row of the lens in a file: give it, --out LENS.yaml")
+    if out is not None:
+        check_place(out, camera or _NAMELESS, zoom=zoom_position is not None)
     known, square_m = _board(board, square_mm)
     if places:
         seen = read_shots(places, known, square_m, hidden=as_json_line)
@@ -136,17 +142,9 @@ def _write(
         amend_rig(config, lens_changes(load_document(config), camera, entry, found.sigma))
         written.append(str(config))
     if out is not None:
-        name = camera or "lens"
-        section = entry if zoom_position is None else _with_row(out, name, zoom_position, entry)
-        text = yaml.safe_dump({"lenses": {name: section}}, sort_keys=False, default_flow_style=None, width=120)
-        write(out, text)
+        into_file(out, camera or _NAMELESS, entry, zoom_position)
         written.append(str(out))
     return written
-
-
-def _with_row(out: Path, name: str, position: float, entry: dict[str, Any]) -> dict[str, Any]:
-    lens = load_document(out).data.get("lenses", {}).get(name, {}) if out.exists() else {}
-    return with_zoom_row(lens if isinstance(lens, dict) and "zoom" in lens else {}, position, entry)
 
 
 def _tell_written(written: list[str], config: Path | None, camera: str | None) -> None:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
-import yaml
 
 from camrig.cli.console import note, print_json, results
 from camrig.config.amend import amend_rig
 from camrig.config.document import load_document
 from camrig.config.kept_file import write
+from camrig.config.lens_book import check_place, lens_text, put_lens
 from camrig.config.lens_entry import lens_changes, lens_entry
 from camrig.config.lens_files import LensFormat, read_lenses, write_lens
 from camrig.config.lenses import LensModel
@@ -28,7 +29,7 @@ def import_lens(
         str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Size of pictures, where the file does not say it.")
     ] = None,
     write_rig: Annotated[bool, typer.Option("--write", help="Write the lens into the rig's file.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Write a file of camrig's with the lenses.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Put the lenses into a file of camrig's own.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Read a lens that another program calibrated, and print it as a rig's file has it. Whose file it is, is seen."""
@@ -42,16 +43,19 @@ def import_lens(
         how, lenses = read_lenses(text, camera or file.stem, _size(size_px))
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
+    if out is not None:
+        for name in lenses:
+            check_place(out, name, zoom=False)
     entries = {name: _entry(lens) for name, lens in lenses.items()}
     if write_rig and config is not None and camera is not None:
         _put(config, camera, lenses)
     if out is not None:
-        write(out, yaml.safe_dump({"lenses": entries}, sort_keys=False, default_flow_style=None, width=120))
+        for name, entry in entries.items():
+            into_file(out, name, entry)
     if as_json:
         print_json({"format": str(how), "lenses": entries})
     else:
-        written = yaml.safe_dump({"lenses": entries}, sort_keys=False, default_flow_style=None, width=120)
-        results.print(written.rstrip(), markup=False, highlight=False, soft_wrap=True)
+        results.print(lens_text(entries).rstrip(), markup=False, highlight=False, soft_wrap=True)
         if not write_rig and config is not None:
             note(f"nothing is written to {config}; --write puts this lens in")
 
@@ -92,6 +96,12 @@ def _size(text: str | None) -> tuple[int, int] | None:
 
 def _entry(lens: LensModel) -> dict[str, object]:
     return {key: value for key, value in lens_entry(lens.build(), lens.distortion).items() if key != "r_max"}
+
+
+def into_file(out: Path, name: str, entry: Mapping[str, Any], zoom_position: float | None = None) -> None:
+    """Put a lens into a file of lenses, and say if it replaces one of another kind."""
+    if replaced := put_lens(out, name, entry, zoom_position):
+        note(f"'{name}' in {out} was a {replaced}, and is replaced")
 
 
 def _check(config: Path | None, camera: str | None, *, write_rig: bool) -> None:
