@@ -14,12 +14,12 @@ from rich.table import Column, Table
 
 from camrig.calibrate.body import Layout, layout
 from camrig.calibrate.judge import loose_marks
-from camrig.cli.asked_files import write_report
+from camrig.cli.asked_files import check_files, collected, write_report
 from camrig.cli.calibration_pictures import Asked, places_of, read_shots
 from camrig.cli.console import note, people, print_json, results
 from camrig.cli.extrinsics_answer import rpy_deg
 from camrig.cli.extrinsics_changes import in_words, metres, pose_of, tell_unwritten, today
-from camrig.config.amend import amend_rig
+from camrig.config.amend import amend_rig, check_amendable
 from camrig.config.document import KeyPath
 from camrig.config.rig_file import load_rig
 from camrig.errors import InputError, PartialError
@@ -79,6 +79,9 @@ def body(
     if target not in rig.targets:
         raise InputError(f"rig '{rig.name}' has no target '{target}'; it has {', '.join(rig.targets) or 'none'}")
     of = rig.targets[target]
+    check_files({"--report": report}, config)
+    if write:
+        check_amendable(config, _places(of, add=add))
     places = places_of(from_images, rig)
     shots, faults = read_shots(rig_config, Asked(places), hidden=as_json)
     sizes_m = _sizes_m(rig, of, {tag for shot in shots for tag in shot.corners_px}, add=add, tag_size_m=tag_size_m)
@@ -95,18 +98,27 @@ def body(
         print_json({**answer.as_json(), "changes": in_words(answer.changes())})
     else:
         answer.print()
-    if report is not None:
-        write_report(report, answer.report(f"camrig calibrate body {config} {target}, {today()}"))
     bad = [f"{tag} is never in a picture with another placed tag: show both at once" for tag in answer.unplaced]
     if not answer.is_usable:
         bad.append(f"this is not fit for use{', nothing was written' if write else ''}: see the warnings")
     elif write:
-        amend_rig(config, answer.changes())
-        note(f"{config} has the new places of {target}'s tags; the former file is beside it")
+        with collected(bad):
+            amend_rig(config, answer.changes())
+            note(f"{config} has the new places of {target}'s tags; the former file is beside it")
     elif not as_json:
         tell_unwritten(answer.changes())
+    if report is not None:
+        with collected(bad):
+            write_report(report, answer.report(f"camrig calibrate body {config} {target}, {today()}"))
     if faults or bad:
         raise PartialError("\n".join([*bad, *faults]))
+
+
+def _places(of: Body, *, add: bool) -> list[KeyPath]:
+    """Return where --write may write, before it is known what."""
+    tags: list[KeyPath] = [("targets", of.id, "tags", k, "T_body_tag") for k in range(len(of.tags))]
+    added: list[KeyPath] = [("targets", of.id, "tags", len(of.tags))] if add else []
+    return [("targets", of.id, "calibrated"), *tags, *added]
 
 
 def _sizes_m(rig: Rig, of: Body, seen: set[str], *, add: bool, tag_size_m: float | None) -> dict[str, float]:

@@ -17,7 +17,7 @@ from camrig.calibrate.fit_now import FitNow, Off, fit_now, stations
 from camrig.calibrate.setup import OnHead, Setup
 from camrig.calibrate.sighted import ROOM, Shot
 from camrig.calibrate.stillness import stillness
-from camrig.cli.asked_files import write_report
+from camrig.cli.asked_files import check_files, collected, write_report
 from camrig.cli.calibration_pictures import Asked, listed_sizes_m, places_of, read_shots
 from camrig.cli.console import print_json, results
 from camrig.cli.extrinsics_changes import today
@@ -83,6 +83,7 @@ def check(
     """
     rig_config = load_rig(config)
     rig = rig_config.rig
+    check_files({"--report": report}, config, stamps)
     if from_images:
         shots, faults = read_shots(rig_config, Asked(places_of(from_images, rig), {}, stamps), hidden=as_json)
     else:
@@ -92,12 +93,14 @@ def check(
         print_json(answer.as_json())
     else:
         answer.print()
+    unwritten: list[str] = []
     if report is not None:
-        write_report(report, answer.report(f"camrig calibrate check {config}, {today()}"))
+        with collected(unwritten):
+            write_report(report, answer.report(f"camrig calibrate check {config}, {today()}"))
     red = [name for name, each in answer.cameras.items() if each.verdict is Verdict.RED]
     words = [f"the calibration does not fit: {', '.join(red)}"] if red else []
-    if red or faults:
-        raise PartialError("\n".join([*words, *faults]))
+    if red or faults or unwritten:
+        raise PartialError("\n".join([*words, *unwritten, *faults]))
 
 
 def _fits(rig: Rig, shots: Sequence[Shot], *, at_once: bool) -> tuple[FitNow, Setup]:

@@ -15,13 +15,13 @@ from camrig.calibrate.scale import Length, with_lengths
 from camrig.calibrate.setup import CARRIED, OnHead, Setup
 from camrig.calibrate.sighted import ROOM, Shot
 from camrig.calibrate.stillness import Moved, Stillness, stillness, without_moved
-from camrig.cli.asked_files import write_report
+from camrig.cli.asked_files import check_files, collected, write_report
 from camrig.cli.calibration_pictures import Asked, listed_sizes_m, places_of, read_shots
 from camrig.cli.console import note, people, print_json
 from camrig.cli.extrinsics_answer import Answer
-from camrig.cli.extrinsics_changes import changes, in_words, tell_unwritten, today
+from camrig.cli.extrinsics_changes import changes, in_words, places_to_write, tell_unwritten, today
 from camrig.cli.extrinsics_live import look_round, seeing
-from camrig.config.amend import amend_rig
+from camrig.config.amend import amend_rig, check_amendable
 from camrig.config.rig_file import load_rig
 from camrig.errors import InputError, PartialError
 from camrig.geometry.arrays import Transform
@@ -83,6 +83,9 @@ def extrinsics(
     boards = _boards(board or ())
     lengths = [_length(each) for each in length or ()]
     _refuse(rig, places, origin=origin, keep=keep, tag_size_m=tag_size_m)
+    check_files({"--report": report}, config, stamps)
+    if write:
+        check_amendable(config, places_to_write(rig, places, anchors=anchors, mounts=mounts))
     if live:
         shots, faults = look_round(rig_config, yes=yes, hidden=as_json)
     else:
@@ -107,16 +110,19 @@ def extrinsics(
         print_json({**answer.as_json(), "changes": in_words(new)})
     else:
         answer.print()
-    if report is not None:
-        write_report(report, answer.report(f"camrig calibrate extrinsics {config}, {today()}"))
     bad = list(answer.lost())
     if not answer.is_usable:
         bad.append(f"this is not fit for use{', nothing was written' if write else ''}: see the warnings")
     elif write:
-        amend_rig(config, new)
-        note(f"{config} has the new places of {', '.join(answer.found.placed_cameras)}; the former file is beside it")
+        with collected(bad):
+            amend_rig(config, new)
+            placed_cameras = ", ".join(answer.found.placed_cameras)
+            note(f"{config} has the new places of {placed_cameras}; the former file is beside it")
     elif new and not as_json:
         tell_unwritten(new)
+    if report is not None:
+        with collected(bad):
+            write_report(report, answer.report(f"camrig calibrate extrinsics {config}, {today()}"))
     if faults or bad:
         raise PartialError("\n".join([*bad, *faults]))
 

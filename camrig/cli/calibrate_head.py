@@ -14,14 +14,14 @@ import typer
 
 from camrig.calibrate.head_model import AxisModel, HeadModel
 from camrig.calibrate.head_result import HeadResult
-from camrig.cli.asked_files import write_report
+from camrig.cli.asked_files import check_files, collected, write_report
 from camrig.cli.calibrate_head_answer import as_json, page, print_result
 from camrig.cli.console import people, print_json, progress_bar
 from camrig.cli.lending import lent
 from camrig.cli.signals import asked_to_stop
 from camrig.clock import Clock, RealClock
-from camrig.config.amend import amend_rig
-from camrig.config.head_changes import head_changes
+from camrig.config.amend import amend_rig, check_amendable
+from camrig.config.head_changes import head_changes, head_places
 from camrig.config.rig_file import RigConfig, load_rig
 from camrig.detect import warm_up
 from camrig.errors import InputError, PartialError
@@ -93,6 +93,9 @@ def head(
     rig_config = load_rig(config)
     camera = _camera_of(rig_config, name)
     place = _place(rig_config, name, camera, (pan_deg, tilt_deg), tag_size_m, free_tags=free_tags)
+    check_files({"--report": report}, config)
+    if write:
+        check_amendable(config, head_places(rig_config, name, camera.id))
     _confirm(name, place, yes=yes)
     if rig_config.refine:
         with people.status("loading refinement; after an installation it is compiled once, for a quarter of a minute"):
@@ -150,24 +153,24 @@ def _hand_out(
 ) -> None:
     changes = head_changes(rig_config, name, camera.id, result)
     bad = result.verdict == "red"
-    if report is not None:
-        write_report(report, page(name, config, result, changes))
-        people.print(f"the report is {report}", highlight=False, markup=False, soft_wrap=True)
-    unwritten = ""
+    faults: list[str] = []  # three minutes of motion are not lost by a file
     if write and not bad:
-        try:
+        with collected(faults):
             amend_rig(config, changes)
-        except InputError as error:  # three minutes of motion are not lost by that
-            unwritten = str(error)
-    written = write and not bad and not unwritten
+    written = write and not bad and not faults
     if json:
         print_json(as_json(name, camera.id, result, changes, str(config) if written else None))
     else:
         print_result(name, result, changes, written=written)
-    if unwritten:
-        raise PartialError(unwritten)
+    if report is not None:
+        with collected(faults):
+            write_report(report, page(name, config, result, changes))
+            people.print(f"the report is {report}", highlight=False, markup=False, soft_wrap=True)
     if bad:
-        raise PartialError(f"{name} is not fit for use as it is, and nothing was written: {result.reasons()[0][1]}")
+        unfit = f"{name} is not fit for use as it is, and nothing was written: {result.reasons()[0][1]}"
+        faults.insert(0, unfit)
+    if faults:
+        raise PartialError("\n".join(faults))
 
 
 def _camera_of(config: RigConfig, name: str) -> CameraSpec:

@@ -9,17 +9,17 @@ import typer
 
 from camrig.calibrate.boards import AprilGrid, Board, board_word, parse_board
 from camrig.calibrate.intrinsics import Intrinsics, Kind, calibrate_lens, steps
-from camrig.cli.asked_files import write_report
+from camrig.cli.asked_files import check_files, collected, write_report
 from camrig.cli.board_shots import BoardShots, read_shots, through_lens
 from camrig.cli.console import note, print_json, progress_bar
 from camrig.cli.intrinsics_answer import as_json, print_lens
 from camrig.cli.lens_exchange import into_file
 from camrig.cli.live_shots import live_shots
-from camrig.config.amend import amend_rig
+from camrig.config.amend import amend_rig, check_amendable
 from camrig.config.document import load_document
 from camrig.config.kept_file import former
 from camrig.config.lens_book import check_place
-from camrig.config.lens_entry import lens_changes, lens_entry
+from camrig.config.lens_entry import lens_changes, lens_entry, lens_places
 from camrig.config.rig_file import RigConfig, load_rig
 from camrig.errors import InputError, PartialError
 from camrig.report.intrinsics_report import intrinsics_report
@@ -61,8 +61,8 @@ def intrinsics(
     places = [*(from_images or ()), *(from_video or ())]
     if zoom_position is not None and out is None:
         raise InputError("--zoom-position fills a row of the lens in a file: give it, --out LENS.yaml")
-    if out is not None:
-        check_place(out, camera or _NAMELESS, zoom=zoom_position is not None)
+    check_files({"--out": out, "--report": report}, config)
+    _check_places(config if write_rig else None, camera, out, zoom=zoom_position is not None)
     known, square_m = _board(board, square_mm)
     if places:
         seen = read_shots(places, known, square_m, hidden=as_json_line)
@@ -84,19 +84,22 @@ def intrinsics(
         found = _fitted(seen, kind, hidden=as_json_line)
     last = None if rig is None or camera is None else rig.rig.cameras[camera].lens
     entry = lens_entry(found.lens, found.distortion)
-    written = _write(config if write_rig else None, camera, out, zoom_position, found, entry)
+    unwritten: list[str] = []
+    written = _write(config if write_rig else None, camera, out, zoom_position, found, entry, unwritten)
     if report is not None:
         title = f"Lens of {camera}" if camera else "Lens"
         made = f"{len(seen.shots)} pictures of {board_word(seen.board)}, {seen.size_px[0]}x{seen.size_px[1]} px"
-        write_report(report, intrinsics_report(title, found, seen.shots, made))
-        written.append(str(report))
+        with collected(unwritten):
+            write_report(report, intrinsics_report(title, found, seen.shots, made))
+            written.append(str(report))
     if as_json_line:
         print_json(as_json(found, seen, last, written))
     else:
         print_lens(found, seen, last, entry)
         _tell_written(written, config, camera)
-    if seen.faults:
-        raise PartialError("\n".join([f"{len(seen.faults)} pictures could not be read:", *seen.faults]))
+    unread = [f"{len(seen.faults)} pictures could not be read:", *seen.faults] if seen.faults else []
+    if unwritten or unread:
+        raise PartialError("\n".join([*unwritten, *unread]))
 
 
 def _rig(config: Path | None, camera: str | None, *, write_rig: bool) -> RigConfig | None:
@@ -110,6 +113,14 @@ def _rig(config: Path | None, camera: str | None, *, write_rig: bool) -> RigConf
     if camera not in rig.rig.cameras:
         raise InputError(f"rig '{rig.rig.name}' has no camera '{camera}'; it has {', '.join(rig.rig.cameras)}")
     return rig
+
+
+def _check_places(config: Path | None, camera: str | None, out: Path | None, *, zoom: bool) -> None:
+    """Raise InputError where files cannot take the lens."""
+    if out is not None:
+        check_place(out, camera or _NAMELESS, zoom=zoom)
+    if config is not None and camera is not None:
+        check_amendable(config, lens_places(load_document(config), camera))
 
 
 def _fitted(seen: BoardShots, kind: Kind, *, hidden: bool) -> Intrinsics:
@@ -135,15 +146,18 @@ def _write(
     zoom_position: float | None,
     found: Intrinsics,
     entry: dict[str, Any],
+    unwritten: list[str],
 ) -> list[str]:
-    """Write what was asked for; return the files."""
+    """Write what was asked for; return the files, and put what was refused into ``unwritten``."""
     written = []
     if config is not None and camera is not None:
-        amend_rig(config, lens_changes(load_document(config), camera, entry, found.sigma))
-        written.append(str(config))
+        with collected(unwritten):
+            amend_rig(config, lens_changes(load_document(config), camera, entry, found.sigma))
+            written.append(str(config))
     if out is not None:
-        into_file(out, camera or _NAMELESS, entry, zoom_position)
-        written.append(str(out))
+        with collected(unwritten):
+            into_file(out, camera or _NAMELESS, entry, zoom_position)
+            written.append(str(out))
     return written
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, date, datetime
 
 from camrig.cli.console import people
@@ -13,7 +13,7 @@ from camrig.config.document import KeyPath
 from camrig.errors import InputError
 from camrig.geometry.arrays import Transform
 from camrig.geometry.pan_tilt import look_of
-from camrig.rig import HeadMount, TagKey
+from camrig.rig import HeadMount, Rig, TagKey
 
 
 def changes(answer: Answer, today: date, *, anchors: bool) -> dict[KeyPath, object]:
@@ -37,6 +37,22 @@ def changes(answer: Answer, today: date, *, anchors: bool) -> dict[KeyPath, obje
     for name, mount_found in answer.found.mounts.items():
         found["cameras", name, "mount", "T_mount_camera"] = pose_of(without_optical(mount_found.T))
     return found | (dict(_anchors(answer)) if anchors else {})
+
+
+def places_to_write(rig: Rig, cameras: Iterable[str], *, anchors: bool, mounts: bool) -> list[KeyPath]:
+    """Return where ``changes`` may lead, before anything is found."""
+    found: list[KeyPath] = []
+    for name in cameras:
+        mount = rig.cameras[name].mount
+        found.append(("cameras", name, "calibrated"))
+        if isinstance(mount, HeadMount):
+            found += [("heads", mount.head, "position_m"), ("heads", mount.head, "rpy_deg")]
+            found += [("cameras", name, "mount", "T_mount_camera")] if mounts else []
+        else:
+            found.append(("cameras", name, "mount", "fixed"))
+    if anchors:
+        found += [("anchors", k, "T_world_tag") for k in range(len(rig.anchors))] + [("anchors", len(rig.anchors))]
+    return found
 
 
 def in_words(new: Mapping[KeyPath, object]) -> dict[str, object]:

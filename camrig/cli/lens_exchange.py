@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from camrig.cli.asked_files import check_files
 from camrig.cli.console import note, print_json, results
 from camrig.config.amend import amend_rig
 from camrig.config.document import load_document
@@ -33,6 +34,7 @@ def import_lens(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Read a lens that another program calibrated, and print it as a rig's file has it. Whose file it is, is seen."""
+    check_files({"--out": out}, file, config)
     try:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -67,6 +69,7 @@ def export_lens(
     out: Annotated[Path | None, typer.Option(help="The file [printed].")] = None,
 ) -> None:
     """Write a lens for another program. ``r_max`` is camrig's own and is not in it."""
+    check_files({"--out": out}, file)
     document = load_document(file)
     lenses = document.data.get("lenses")
     if not isinstance(lenses, dict) or lens not in lenses:

@@ -135,7 +135,8 @@ class _Place:
         blocks = yaml.BlockMappingStartToken | yaml.BlockSequenceStartToken | yaml.BlockEntryToken
         begin = self.node.start_mark.index
         tokens = yaml.scan(self.text, Loader=yaml.SafeLoader)
-        return next(t.start_mark.column for t in tokens if t.start_mark.index >= begin and isinstance(t, blocks))
+        column: int = next(t.start_mark.column for t in tokens if t.start_mark.index >= begin and isinstance(t, blocks))
+        return column
 
     def _head(self) -> Iterator[yaml.Token]:
         """Yield the anchor and the tag that stand before the node's value, if any."""

@@ -12,6 +12,7 @@ from camrig.config.document import KeyPath
 from camrig.config.rig_file import RigConfig
 from camrig.geometry.arrays import Transform
 from camrig.geometry.pan_tilt import R_MOUNT_OPTICAL
+from camrig.messages import AxisFindings, HeadFindings, HeadGrade
 
 _LEAST_BIAS_DEG = 0.005
 
@@ -38,6 +39,18 @@ def head_changes(config: RigConfig, head_id: str, camera_id: str, result: HeadRe
     T_mount_forward[:3, :3] = T_mount_forward[:3, :3] @ R_MOUNT_OPTICAL.T
     changes["cameras", camera_id, "mount", "T_mount_camera"] = pose_keys(T_mount_forward)
     return changes
+
+
+def head_places(config: RigConfig, head_id: str, camera_id: str) -> list[KeyPath]:
+    """Return where a calibration may write, before it is known what."""
+    device = config.devices["heads"][head_id]
+    own: list[tuple[str, ...]] = [("position_m",), ("rpy_deg",), ("T_arm_tilt",), ("bias_deg",)]
+    if device.driver.tuning is not None:
+        grade: HeadGrade = "absolute" if device.driver.tuning.reads_back(device.section) else "open loop"
+        axis = AxisFindings(1.0, 0.0, 0.0, speeds_rad_s={1: 0.1})
+        any_findings = HeadFindings(axis, axis, grade, report_age_s=0.0, start_s=0.0, speed_sigma=0.0)
+        own += device.driver.tuning.changes(device.section, any_findings)
+    return [*(("heads", head_id, *path) for path in own), ("cameras", camera_id, "mount", "T_mount_camera")]
 
 
 def bias_deg(result: HeadResult) -> float:

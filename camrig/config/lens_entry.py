@@ -11,6 +11,7 @@ from camrig.config.models import LensSigmaModel
 from camrig.errors import InputError
 from camrig.geometry.lens import BrownLens, FisheyeLens
 
+_KEYS = ("model", "size_px", "fx", "fy", "cx", "cy", "distortion", "r_max")
 _MOST_F_PERCENT, _MOST_CENTRE_PX, _MOST_K1 = 5.0, 100.0, 0.1
 """What a camera's ``lens_sigma`` may say."""
 
@@ -62,6 +63,11 @@ def lens_changes(
     elif "lens_sigma" in mine:
         changes["cameras", camera, "lens_sigma"] = LensSigmaModel().model_dump()
     return changes
+
+
+def lens_places(document: Document, camera: str) -> list[KeyPath]:
+    """Return where a calibration would write, before it is known what; raises InputError as ``lens_changes`` does."""
+    return [*lens_changes(document, camera, dict.fromkeys(_KEYS), None), ("cameras", camera, "lens_sigma")]
 
 
 def _lens_sigma(entry: Mapping[str, Any], sigma: Mapping[str, float]) -> dict[str, float]:

@@ -54,6 +54,31 @@ def test_what_cannot_be_is_said_in_one_sentence(
     assert path.read_text() == text
 
 
+@pytest.mark.parametrize(
+    ("text", "report", "said"),
+    [
+        (RIG + ANCHOR, "rig.yaml", "--report .*rig.yaml would overwrite .*, which is read"),
+        (RIG + ANCHOR, "none/page.html", "--report: .*page.html cannot be written: there is no folder"),
+        (
+            RIG.replace("address: 1", "address: 1, axes: &both {pan: {sign: 1}}").replace(
+                "driver: fake, position", "driver: pelco_d, port: /dev/none, address: 2, axes: *both, position"
+            )
+            + ANCHOR,
+            "page.html",
+            "cannot take what --write would set: heads.pt1.axes.pan.sign: stands in what is shared",
+        ),
+    ],
+)
+def test_files_that_cannot_be_written_are_told_before_anything_moves(
+    tmp_path: Path, text: str, report: str, said: str
+) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said):  # and not that /dev/none cannot be opened
+        head(path, "pt1", yes=True, write=True, report=tmp_path / report)
+    assert path.read_text() == text
+
+
 def test_exit_code_and_no_traceback(tmp_path: Path) -> None:
     path = tmp_path / "rig.yaml"
     path.write_text(RIG + ANCHOR)

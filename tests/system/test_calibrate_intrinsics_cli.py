@@ -197,6 +197,9 @@ def test_a_damaged_picture_is_named_and_the_rest_is_done(
         (("--from-images", "SHOTS", "--board", "chess:3"), "write chessboard:"),
         (("--from-images", "SHOTS", "--square-mm", "-1"), "--square-mm is above 0"),
         (("--from-images", "SHOTS", "--zoom-position", "3"), "give it, --out LENS.yaml"),
+        (("RIG", "north", "--from-images", "SHOTS", "--out", "RIG"), "--out .* would overwrite .*rig.yaml, which is"),
+        (("--from-images", "SHOTS", "--out", "a.yaml", "--report", "a.yaml"), "--report a.yaml is the file of --out"),
+        (("--from-images", "SHOTS", "--report", "none/page.html"), "--report: none/page.html cannot be written"),
     ],
 )
 def test_wrong_arguments_are_one_sentence(

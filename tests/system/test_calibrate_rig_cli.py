@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from camrig.calibrate.body import Layout, layout
 from camrig.cli.calibrate_body import body
 from camrig.cli.calibrate_check import check
 from camrig.cli.calibrate_extrinsics import extrinsics
@@ -209,6 +210,40 @@ def test_nothing_is_written_where_nothing_says_where_the_world_is(taken: Path, r
 def test_bad_input_is_one_sentence(taken: Path, rig_yaml: Path, given: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=says):
         extrinsics(rig_yaml, pictures(taken, "west"), **given)
+
+
+@pytest.mark.parametrize(
+    ("report", "says"),
+    [("rig.yaml", "--report .* would overwrite .*, which is read"), ("none/page.html", "there is no folder")],
+)
+def test_a_page_that_cannot_be_written_is_told_before_pictures_are_looked_at(
+    rig_yaml: Path, report: str, says: str
+) -> None:
+    page = rig_yaml.parent / report
+    for command in (extrinsics, check):
+        with pytest.raises(InputError, match=says):
+            command(rig_yaml, ["west=nowhere"], report=page)
+    with pytest.raises(InputError, match=says):
+        body(rig_yaml, "robot", ["west=nowhere"], report=page)
+    assert rig_yaml.read_text() == RIG
+
+
+def test_what_fails_to_be_written_does_not_cost_the_answer(
+    taken: Path, rig_yaml: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A folder that goes away while the command works."""
+    page = rig_yaml.parent / "pages" / "page.html"
+    page.parent.mkdir()
+
+    def slowly(*given: Any) -> Layout:
+        page.parent.rmdir()
+        return layout(*given)
+
+    monkeypatch.setattr("camrig.cli.calibrate_body.layout", slowly)
+    with pytest.raises(PartialError, match=r"page\.html cannot be written"):
+        body(rig_yaml, "robot", [f"west={taken / 'robot'}"], write=True, report=page, as_json=True)
+    assert said(capsys)["verdict"] == "green"
+    assert former(rig_yaml).exists()
 
 
 def test_tags_of_a_robot_are_placed_on_it(taken: Path, rig_yaml: Path, capsys: pytest.CaptureFixture[str]) -> None:

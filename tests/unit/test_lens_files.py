@@ -157,6 +157,15 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
     return lens, rig
 
 
+def test_no_file_that_is_read_is_overwritten(files: tuple[Path, Path]) -> None:
+    lens, rig = files
+    for asked in (("import", lens, rig, "north", "--out", rig), ("import", lens, "--out", lens),
+                  ("export", rig, "own", "--out", rig), ("export", rig, "own", "--out", f"{rig}~")):  # fmt: skip
+        with pytest.raises(InputError, match="would overwrite"):
+            command(*asked)
+    assert rig.read_text() == RIG
+
+
 def test_an_imported_lens_does_not_keep_the_sigma_of_the_former(
     files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
