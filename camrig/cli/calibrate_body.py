@@ -15,7 +15,7 @@ from rich.table import Column, Table
 from camrig.calibrate.body import Layout, layout
 from camrig.calibrate.judge import loose_marks
 from camrig.cli.asked_files import check_files, collected, write_report
-from camrig.cli.calibration_pictures import Asked, places_of, read_shots
+from camrig.cli.calibration_pictures import Asked, blaming, places_of, read_shots
 from camrig.cli.console import note, people, print_json, results
 from camrig.cli.extrinsics_answer import rpy_deg
 from camrig.cli.extrinsics_changes import in_words, metres, pose_of, tell_unwritten, today
@@ -92,7 +92,7 @@ def body(
     if held not in listed:
         raise InputError(f"--frame {held}: target '{target}' has no such tag; it has {', '.join(listed)}")
     lenses = {name: rig.cameras[name].lens for name in places}
-    with people.status("placing tags"):
+    with blaming(faults), people.status("placing tags"):
         answer = _Answer(of, layout(shots, lenses, sizes_m, (held, listed[held])), held, tuple(others))
     if as_json:
         print_json({**answer.as_json(), "changes": in_words(answer.changes())})

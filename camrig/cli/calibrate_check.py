@@ -18,12 +18,12 @@ from camrig.calibrate.setup import OnHead, Setup
 from camrig.calibrate.sighted import ROOM, Shot
 from camrig.calibrate.stillness import stillness
 from camrig.cli.asked_files import check_files, collected, write_report
-from camrig.cli.calibration_pictures import Asked, listed_sizes_m, places_of, read_shots
+from camrig.cli.calibration_pictures import Asked, blaming, listed_sizes_m, places_of, read_shots
 from camrig.cli.console import print_json, results
 from camrig.cli.extrinsics_changes import today
 from camrig.cli.rig_shots import rig_shots
 from camrig.config.rig_file import load_rig
-from camrig.errors import InputError, PartialError
+from camrig.errors import HardwareError, InputError, PartialError
 from camrig.geometry.arrays import Array, Transform
 from camrig.report.calibration import CalibrationReport, Verdict
 from camrig.report.calibration import Table as PageTable
@@ -88,7 +88,10 @@ def check(
         shots, faults = read_shots(rig_config, Asked(places_of(from_images, rig), {}, stamps), hidden=as_json)
     else:
         shots, faults = rig_shots(rig_config, hidden=as_json)
-    answer = _Answer(rig, _fits(rig, shots, at_once=bool(from_images)), today())
+        if faults and not shots:
+            raise HardwareError("\n".join(faults))
+    with blaming(faults):
+        answer = _Answer(rig, _fits(rig, shots, at_once=bool(from_images)), today())
     if as_json:
         print_json(answer.as_json())
     else:

@@ -16,7 +16,7 @@ from camrig.calibrate.setup import CARRIED, OnHead, Setup
 from camrig.calibrate.sighted import ROOM, Shot
 from camrig.calibrate.stillness import Moved, Stillness, stillness, without_moved
 from camrig.cli.asked_files import check_files, collected, write_report
-from camrig.cli.calibration_pictures import Asked, listed_sizes_m, places_of, read_shots
+from camrig.cli.calibration_pictures import Asked, blaming, listed_sizes_m, places_of, read_shots
 from camrig.cli.console import note, people, print_json
 from camrig.cli.extrinsics_answer import Answer
 from camrig.cli.extrinsics_changes import changes, in_words, places_to_write, tell_unwritten, today
@@ -90,17 +90,18 @@ def extrinsics(
         shots, faults = look_round(rig_config, yes=yes, hidden=as_json)
     else:
         shots, faults = read_shots(rig_config, Asked(places, boards, stamps), hidden=as_json)
-    if origin and not any(origin in shot.corners_px for shot in shots):
-        raise InputError(f"--origin {origin}: no picture shows it whole")
-    sizes_m = _sizes_m(config, rig, shots, tag_size_m, lengths)
-    known = frozenset({origin} if origin else {str(anchor.key) for anchor in rig.anchors})
-    sorted_out = stillness(shots, known)
-    _refuse_walking(sorted_out, known)
-    shots = without_moved(shots, sorted_out.moved)
-    setup = _Given(rig, known, origin, keep, mounts, sorted_out).setup(places, sizes_m, shots)
-    seen_boards = {name for shot in shots for name in shot.boards}
-    with people.status("placing cameras"):
-        placed = with_lengths(shots, setup, lengths, bool(seen_boards))
+    with blaming(faults):
+        if origin and not any(origin in shot.corners_px for shot in shots):
+            raise InputError(f"--origin {origin}: no picture shows it whole")
+        sizes_m = _sizes_m(config, rig, shots, tag_size_m, lengths)
+        known = frozenset({origin} if origin else {str(anchor.key) for anchor in rig.anchors})
+        sorted_out = stillness(shots, known)
+        _refuse_walking(sorted_out, known)
+        shots = without_moved(shots, sorted_out.moved)
+        setup = _Given(rig, known, origin, keep, mounts, sorted_out).setup(places, sizes_m, shots)
+        seen_boards = {name for shot in shots for name in shot.boards}
+        with people.status("placing cameras"):
+            placed = with_lengths(shots, setup, lengths, bool(seen_boards))
     unseen = (
         f"--board {board_word(of)}: no picture shows it" for name, of in boards.items() if name not in seen_boards
     )

@@ -7,6 +7,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -68,7 +69,10 @@ def listed_sizes_m(rig: Rig) -> dict[str, float]:
 
 
 def read_shots(config: RigConfig, asked: Asked, *, hidden: bool) -> tuple[list[Shot], list[str]]:
-    """Find tags and boards in all pictures; return them, and a sentence for each picture that cannot be used."""
+    """Find tags and boards in all pictures; return them, and a sentence for each picture that cannot be used.
+
+    Raises InputError where none can.
+    """
     files = {name: pictures.find(place) for name, place in asked.places.items()}
     instants = _stamped(asked.stamps, files)
     detector: TagDetector = config.detector.plugin.make(config.detector.section)
@@ -86,7 +90,20 @@ def read_shots(config: RigConfig, asked: Asked, *, hidden: bool) -> tuple[list[S
                 else:
                     faults.append(found)
                 progress.advance(progress.task_ids[0])
+    if faults and not shots:
+        raise InputError("\n".join(["no picture can be used:", *faults]))
     return shots, faults
+
+
+@contextmanager
+def blaming(faults: Sequence[str]) -> Iterator[None]:
+    """Name what could not be used, too, where the rest is refused inside: it may be for want of that."""
+    try:
+        yield
+    except InputError as error:
+        if not faults:
+            raise
+        raise InputError("\n".join([str(error), f"{len(faults)} could not be used:", *faults])) from error
 
 
 def usable_tags(tags: Sequence[TagDetection], lens: Lens) -> dict[str, Array]:
@@ -217,5 +234,6 @@ def _number(file: Path, row: Mapping[str, str], column: str) -> float:
     except (TypeError, ValueError):
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(f"{file}: {column} is '{row[column]}', which is no number")
+        said = f"{column} is '{row[column]}', which is no number" if row[column] else f"a line has no {column}"
+        raise InputError(f"{file}: {said}")
     return value

@@ -246,6 +246,28 @@ def test_what_fails_to_be_written_does_not_cost_the_answer(
     assert former(rig_yaml).exists()
 
 
+def test_pictures_that_cannot_be_read_are_blamed_and_not_lens_or_mount(taken: Path, rig_yaml: Path) -> None:
+    broken, blank = rig_yaml.parent / "broken", rig_yaml.parent / "blank"
+    for folder in (broken, blank):
+        folder.mkdir()
+        (folder / "west-000.png").write_bytes(b"no picture")
+    cv2.imwrite(str(blank / "west-001.png"), np.full((480, 640), 90, np.uint8))
+    for command in (extrinsics, check, lambda rig, places: body(rig, "robot", places)):
+        with pytest.raises(InputError, match=r"^no picture can be used:\n.*west-000\.png: "):
+            command(rig_yaml, [f"west={broken}"])
+    with pytest.raises(InputError, match=r"\n1 could not be used:\n.*west-000\.png: "):
+        body(rig_yaml, "robot", [f"west={blank}"])
+    with pytest.raises(InputError, match=r"\n1 could not be used:\n.*west-000\.png: "):
+        extrinsics(rig_yaml, [f"west={blank}"], keep="west")
+
+
+def test_a_short_line_of_aims_is_told(taken: Path, rig_yaml: Path) -> None:
+    (rig_yaml.parent / "aims.csv").write_text("picture,pan_deg,tilt_deg\nn-0.png\n")
+    cv2.imwrite(str(rig_yaml.parent / "n-0.png"), np.full((480, 640), 90, np.uint8))
+    with pytest.raises(InputError, match=r"aims\.csv: a line has no pan_deg"):
+        check(rig_yaml, [f"north={rig_yaml.parent}"])
+
+
 def test_tags_of_a_robot_are_placed_on_it(taken: Path, rig_yaml: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = rig_yaml.with_suffix(".html")
     body(rig_yaml, "robot", [f"west={taken / 'robot'}"], write=True, report=page, as_json=True)
