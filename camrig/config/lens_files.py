@@ -72,7 +72,7 @@ def _ros(data: Mapping[str, Any]) -> LensModel:
         fx, _, cx, _, fy, cy, *_ = map(float, data["camera_matrix"]["data"])
         coefficients = tuple(map(float, data["distortion_coefficients"]["data"]))
         size = (int(data["image_width"]), int(data["image_height"]))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"camera_info lacks or spoils {error}") from error
     return _model(model, size, (fx, fy), (cx, cy), coefficients)
 
@@ -92,7 +92,7 @@ def _kalibr(section: Mapping[str, Any]) -> LensModel:
         fx, fy, cx, cy = map(float, section["intrinsics"])
         coefficients = tuple(map(float, section.get("distortion_coeffs") or ()))
         width, height = map(int, section["resolution"])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"the camchain lacks or spoils {error}") from error
     return _model(model, (width, height), (fx, fy), (cx, cy), coefficients)
 
@@ -109,7 +109,10 @@ def _opencv(text: str, size_px: tuple[int, int] | None) -> LensModel:
         raise InputError("is no FileStorage that OpenCV can read") from error
     if K is None or np.shape(K) != (3, 3):
         raise InputError(f"has no 3x3 matrix named {', '.join(_MATRIX)}")
-    size = (int(width), int(height)) if width is not None and height is not None else size_px
+    try:
+        size = (int(width), int(height)) if width is not None and height is not None else size_px
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"width and height are whole numbers, not {width} and {height}") from error
     if size is None:
         raise InputError("does not say of what size pictures are: give it, --size-px WIDTHxHEIGHT")
     numbers = () if coefficients is None else tuple(np.ravel(coefficients).tolist())

@@ -103,6 +103,24 @@ def test_a_file_without_a_size_asks_for_it() -> None:
         ("%YAML:1.0\n---\na: 1\n", "has no 3x3 matrix"),
         ("camera_matrix: {data: [1, 2]}\ndistortion_model: plumb_bob", "lacks or spoils"),
         ("camera_matrix: {}\ndistortion_model: double_sphere", "distortion_model is one of"),
+        (
+            (
+                "image_width: .inf\nimage_height: 480\ncamera_matrix: {data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}\n"
+                "distortion_coefficients: {data: [0]}\ndistortion_model: plumb_bob"
+            ),
+            "lacks or spoils",
+        ),
+        (
+            "cam0: {camera_model: pinhole, intrinsics: [1, 1, 1, 1], distortion_model: radtan, resolution: [.inf, 1]}",
+            "lacks or spoils",
+        ),
+        (
+            (
+                "%YAML:1.0\n---\nimage_width: .Inf\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n   rows: 3\n"
+                "   cols: 3\n   dt: d\n   data: [500., 0., 320., 0., 500., 240., 0., 0., 1.]\n"
+            ),
+            "width and height are whole numbers, not inf",
+        ),
         ("cam0: {camera_model: omni, intrinsics: [1, 2, 3, 4, 5], distortion_model: radtan}", "pinhole-radtan"),
     ],
 )
