@@ -137,6 +137,7 @@ def board_word(board: Board) -> str:
 def parse_board(word: str) -> Board:
     """Read a board: ``chessboard:7x5:30`` (inner corners, mm), ``charuco:8x6:30:22:4x4_1000`` (squares, markers),
     ``aprilgrid:6x6:55:16.5`` (tags, gaps); ``:legacy``, ``:inverted``, ``:kalibr`` and ``:first100`` may follow.
+    ``tags:`` is an AprilGrid, too.
 
     Raises InputError with what is wrong and what is allowed.
     """
@@ -149,7 +150,8 @@ def parse_board(word: str) -> Board:
     except (ValueError, IndexError) as error:
         raise InputError(
             f"board '{word}': write chessboard:COLUMNSxROWS:SQUARE_MM (inner corners), "
-            "charuco:COLUMNSxROWS:SQUARE_MM:MARKER_MM:DICTIONARY (squares) or aprilgrid:COLUMNSxROWS:TAG_MM:GAP_MM"
+            "charuco:COLUMNSxROWS:SQUARE_MM:MARKER_MM:DICTIONARY (squares), aprilgrid:COLUMNSxROWS:TAG_MM:GAP_MM "
+            "or tags:COLUMNSxROWS:TAG_MM:GAP_MM:firstID"
         ) from error
     _check(board, word)
     return board
@@ -164,7 +166,7 @@ def _board(kind: str, columns: int, rows: int, sizes_m: list[float], marks: set[
         square_m, marker_m = sizes_m
         (dictionary,) = (marks - {"legacy", "inverted"}) or {"4x4_1000"}
         return Charuco(columns, rows, square_m, marker_m, _whole(dictionary), "legacy" in marks, "inverted" in marks)
-    if kind == "aprilgrid":
+    if kind in {"aprilgrid", "tags"}:
         tag_m, gap_m = sizes_m
         (first,) = {int(mark.removeprefix("first")) for mark in marks - {"kalibr"}} or {0}
         return AprilGrid(columns, rows, tag_m, gap_m, 2 if "kalibr" in marks else 1, first)

@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 
 from camrig.calibrate.boards import board_word, parse_board
+from camrig.cli.asked_files import check_files
 from camrig.cli.console import print_json, results
+from camrig.config.kept_file import replace
 from camrig.errors import InputError
 from camrig.report.board_sheet import Sheet, page_for, sheet_pdf, sheet_png
 
@@ -38,14 +40,12 @@ def board(
     """
     if out.suffix.lower() not in _SUFFIXES:
         raise InputError(f"--out {out}: a board is written as {' or '.join(_SUFFIXES)}")
-    labels = word.lower().startswith("tags:")
-    known = parse_board("aprilgrid:" + word[5:] if labels else word)
+    check_files({"--out": out})
+    labels = word.strip().lower().startswith("tags:")
+    known = parse_board(word)
     sheet = Sheet(known, page_for(known, paper), labels)
     content = sheet_pdf(sheet) if out.suffix.lower() == ".pdf" else sheet_png(sheet, dpi)
-    try:
-        out.write_bytes(content)
-    except OSError as error:
-        raise InputError(f"--out {out} cannot be written: {error.strerror}") from error
+    replace(out, content)
     width, height = sheet.page_mm
     if as_json:
         print_json({"file": str(out), "board": board_word(known), "page_mm": [width, height], "bar_mm": sheet.bar_mm})

@@ -87,8 +87,12 @@ def test_tags_bear_their_numbers(tmp_path: Path) -> None:
         (("charuco:8x6:60:44:4x4", "--paper", "a4"), "does not fit on --paper a4"),
         (("charuco:40x30:60:44:4x4",), "does not fit on A0"),
         (("chessboard:7x5:30", "--out", "board.docx"), "is written as .pdf or .png"),
-        (("chessboard:7x5:30", "--out", "nowhere/board.pdf"), "cannot be written: No such file"),
-        (("circles:7x5:30",), "write chessboard:"),
+        (
+            ("chessboard:7x5:30", "--out", "nowhere/board.pdf"),
+            "--out: nowhere/board.pdf cannot be written: there is no folder",
+        ),
+        (("circles:7x5:30",), "write chessboard:.* or tags:COLUMNSxROWS"),
+        (("tags:2x2:50:10:first99999",), "board 'tags:2x2:50:10:first99999': tag36h11 has"),
     ],
 )
 def test_what_cannot_be_printed_is_one_sentence(arguments: tuple[str, ...], says: str) -> None:
