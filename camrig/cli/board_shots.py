@@ -13,7 +13,7 @@ from camrig.calibrate.find_boards import LEAST_SIDE_PX, find_board, refined_thro
 from camrig.calibrate.recognise import recognise, with_measured_gap
 from camrig.calibrate.shots import Shot, edge_width_px
 from camrig.cli.console import people, progress_bar
-from camrig.detect import warm_up
+from camrig.cli.refinement import load_refinement
 from camrig.errors import InputError
 from camrig.geometry.arrays import GreyImage
 from camrig.geometry.lens import Lens
@@ -74,8 +74,7 @@ def through_lens(places: Sequence[str], seen: BoardShots, lens: Lens, *, measure
     shots = {shot.name: shot for shot in seen.shots}
     paths = [path for place in places for path in pictures.find(place)] if not board.like_kalibrs else []
     if paths:
-        with people.status("loading refinement; after an installation it is compiled once, for a quarter of a minute"):
-            warm_up()
+        load_refinement()
     with progress_bar("refining corners", pictures.count(paths), hidden=hidden) as progress:
         for picture in _thinned(paths):
             shot = shots.get(_name(picture))

@@ -18,12 +18,12 @@ from camrig.cli.asked_files import check_files, collected, write_report
 from camrig.cli.calibrate_head_answer import as_json, page, print_result
 from camrig.cli.console import people, print_json, progress_bar
 from camrig.cli.lending import lent
+from camrig.cli.refinement import load_refinement
 from camrig.cli.signals import asked_to_stop
 from camrig.clock import Clock, RealClock
 from camrig.config.amend import amend_rig, check_amendable
 from camrig.config.head_changes import head_changes, head_places
 from camrig.config.rig_file import RigConfig, load_rig
-from camrig.detect import warm_up
 from camrig.errors import InputError, PartialError
 from camrig.rig import CameraSpec, HeadMount, Interval
 from camrig.runtime.emulated import emulated_world
@@ -98,8 +98,7 @@ def head(
         check_amendable(config, head_places(rig_config, name, camera.id))
     _confirm(name, place, yes=yes)
     if rig_config.refine:
-        with people.status("loading refinement; after an installation it is compiled once, for a quarter of a minute"):
-            warm_up()
+        load_refinement()
     with emulated_world(rig_config) as (running, world), ExitStack() as borrowed:
         clock = RealClock()
         keep = borrowed.enter_context(lent(rig_config.rig.name, name, clock)) if world is None else _nothing

@@ -18,10 +18,11 @@ from camrig.calibrate.boards import AprilGrid, Board, Charuco
 from camrig.calibrate.find_boards import find_board
 from camrig.calibrate.instants import instants_of
 from camrig.calibrate.sighted import SeenBoard, Shot
-from camrig.cli.console import people, progress_bar
+from camrig.cli.console import progress_bar
+from camrig.cli.refinement import load_refinement
 from camrig.clock import RealClock
 from camrig.config.rig_file import RigConfig
-from camrig.detect import detect_tags, warm_up
+from camrig.detect import detect_tags
 from camrig.errors import InputError
 from camrig.geometry.arrays import Array, GreyImage
 from camrig.geometry.corner_noise import tag_width_px
@@ -77,8 +78,7 @@ def read_shots(config: RigConfig, asked: Asked, *, hidden: bool) -> tuple[list[S
     instants = _stamped(asked.stamps, files)
     detector: TagDetector = config.detector.plugin.make(config.detector.section)
     if config.refine:
-        with people.status("loading refinement; after an installation it is compiled once, for a quarter of a minute"):
-            warm_up()
+        load_refinement()
     shots: list[Shot] = []
     faults: list[str] = []
     with progress_bar("detecting", sum(pictures.count(paths) for paths in files.values()), hidden=hidden) as progress:

@@ -14,12 +14,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from camrig import pictures
-from camrig.cli.console import people, print_json, progress_bar, results
+from camrig.cli.console import print_json, progress_bar, results
+from camrig.cli.refinement import load_refinement
 from camrig.cli.tag_pose import TagPose, tag_pose
 from camrig.clock import RealClock
 from camrig.config.document import load_document
 from camrig.config.lenses import LensModel
-from camrig.detect import detect_tags, warm_up
+from camrig.detect import detect_tags
 from camrig.errors import ConfigError, InputError, PartialError
 from camrig.geometry.arrays import Array, GreyImage
 from camrig.geometry.lens import Lens
@@ -99,8 +100,7 @@ def detect(
     for fault in faults:
         output.take(fault)
     if ruler is not None and ruler.refine:
-        with people.status("loading refinement; after an installation it is compiled once, for a quarter of a minute"):
-            warm_up()
+        load_refinement()
     with progress_bar("detecting", pictures.count(paths), hidden=as_json) as progress:
         for picture in pictures.read(paths):
             output.take(_answer(picture, finder, ruler))

@@ -10,10 +10,10 @@ import typer
 from camrig.calibrate.sighted import Shot
 from camrig.calibrate.stops import stops_over
 from camrig.cli.console import people, progress_bar
+from camrig.cli.refinement import load_refinement
 from camrig.cli.signals import asked_to_stop
 from camrig.clock import RealClock
 from camrig.config.rig_file import RigConfig
-from camrig.detect import warm_up
 from camrig.errors import InputError
 from camrig.rig import FixedMount, HeadMount, Rig
 from camrig.runtime.emulated import emulated_world
@@ -40,8 +40,7 @@ def look_round(config: RigConfig, *, yes: bool, hidden: bool) -> tuple[list[Shot
     if stops:
         _confirm(config.rig, stops, yes=yes)
     if config.refine:
-        with people.status("loading refinement; after an installation it is compiled once, for a quarter of a minute"):
-            warm_up()
+        load_refinement()
     total = sum(map(len, stops.values())) + sum(
         isinstance(camera.mount, FixedMount) for camera in config.rig.cameras.values()
     )

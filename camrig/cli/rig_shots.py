@@ -7,10 +7,11 @@ from contextlib import ExitStack, contextmanager
 
 from camrig.calibrate.sighted import Shot
 from camrig.cli.calibration_pictures import usable_tags
-from camrig.cli.console import people, progress_bar
+from camrig.cli.console import progress_bar
+from camrig.cli.refinement import load_refinement
 from camrig.clock import RealClock
 from camrig.config.rig_file import RigConfig
-from camrig.detect import detect_tags, warm_up
+from camrig.detect import detect_tags
 from camrig.errors import HardwareError
 from camrig.interfaces import Camera, Head
 from camrig.rig import FixedMount, HeadMount
@@ -33,8 +34,7 @@ def rig_shots(config: RigConfig, *, hidden: bool) -> tuple[list[Shot], list[str]
     Cameras take turns for ``_SPAN_S``, so that what moves is seen to.
     """
     if config.refine:
-        with people.status("loading refinement; after an installation it is compiled once, for a quarter of a minute"):
-            warm_up()
+        load_refinement()
     clock = RealClock()
     shots: list[Shot] = []
     with emulated_world(config) as (started, _), ExitStack() as stack:
