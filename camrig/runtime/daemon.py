@@ -220,6 +220,7 @@ class Daemon:
         """Operator's order: stop a head, and let go of it and its camera for so long; then it is held; any thread."""
         devices = {head, *(camera.id for camera in [self.config.rig.camera_on(head)] if camera is not None)}
         if for_s > 0.0:
+            self.devices.heads[head].lend()
             self._halt([self.devices.heads[head]])
         for worker in self._workers:
             if worker.job.name in devices:

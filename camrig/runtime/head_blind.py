@@ -16,6 +16,7 @@ from camrig.errors import HardwareError, PartialError
 from camrig.geometry.arrays import Array
 from camrig.interfaces import Head, TurnsByStep
 from camrig.messages import TagDetections
+from camrig.runtime.enabled_head import enabled
 from camrig.runtime.head_bench import Eye, Interrupted, corners_of
 from camrig.runtime.head_survey import Place, Tell
 
@@ -86,17 +87,12 @@ def run_blind_calibration(bench: BlindBench, place: Place, tell: Tell) -> HeadRe
     if not isinstance(bench.head, TurnsByStep):
         raise HardwareError(f"head {bench.name} tells no angles and offers no steps of speed: nothing can be measured")
     offered = bench.head.steps()
-    bench.head.open()
-    try:
-        bench.head.enable()
+    with enabled(bench.name, bench.head):
         tell("first turns", 0.0)
         view = _first_turns(bench, place, offered)
         for number, share in enumerate(_SHARES):
             tell("speeds", 0.1 + 0.85 * number / len(_SHARES))
             _turns(bench, place, view, _steps(offered, share))
-    finally:
-        bench.head.stop()
-        bench.head.close()
     tell("computing", 0.95)
     frames = [(frame.stamp_s, corners_of(frame, bench.tags)) for frame in bench.frames]
     calibration, stamps_s, angles_rad = measured(view, place.file, place.sizes_m, frames)

@@ -21,6 +21,7 @@ from camrig.messages import AxisFindings, HeadFindings, HeadGrade, LinkReport, L
 from camrig.rig import HeadSpec
 from camrig.runtime.build import make_detector, make_devices
 from camrig.runtime.camera_job import CameraJob
+from camrig.runtime.enabled_head import enabled
 from camrig.runtime.head_bench import DoesNotGo, Eye, HeadBench
 from camrig.runtime.head_survey import Place, Survey, Tell, survey
 from camrig.runtime.mailbox import Mailbox
@@ -118,7 +119,7 @@ def run_calibration(bench: HeadBench, place: Place, tell: Tell, servo: Callable[
 
 def _surveyed(bench: HeadBench, place: Place, tell: Tell) -> Survey | HeadFindings:
     """Survey a head; of one that takes no positions return how fast it turns, roughly."""
-    with enabled(bench.head):
+    with enabled(bench.name, bench.head):
         try:
             return survey(bench, place, tell)
         except DoesNotGo:
@@ -127,18 +128,6 @@ def _surveyed(bench: HeadBench, place: Place, tell: Tell) -> Survey | HeadFindin
             if rough is None:
                 raise
             return rough
-
-
-@contextmanager
-def enabled(head: Head) -> Iterator[None]:
-    """Have a head open and enabled while inside; it is stopped however that ends."""
-    head.open()
-    try:
-        head.enable()
-        yield
-    finally:
-        head.stop()
-        head.close()
 
 
 def rough_speeds(bench: HeadBench) -> HeadFindings | None:

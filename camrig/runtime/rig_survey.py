@@ -20,8 +20,9 @@ from camrig.locate.tags import CELL, MIN_WIDTH_PX
 from camrig.messages import TagDetections
 from camrig.rig import FixedMount, HeadMount
 from camrig.runtime.build import make_devices
+from camrig.runtime.enabled_head import enabled
 from camrig.runtime.head_bench import Eye, HeadBench, Interrupted
-from camrig.runtime.head_calibration import camera_eye, enabled
+from camrig.runtime.head_calibration import camera_eye
 
 _PICTURES = 3
 _DARK_S = 5.0
@@ -75,7 +76,7 @@ class RigSurvey:
 
     def _on_head(self, name: str, head_id: str, head: Head, first: int) -> Iterator[Shot]:
         """Look through a camera from stop to stop of its head."""
-        with camera_eye(self.config, name, self.clock) as eye, enabled(head):
+        with camera_eye(self.config, name, self.clock) as eye, enabled(head_id, head):
             bench = HeadBench(head_id, head, eye, self.clock, _All(), self.asked_to_end)
             bench.serve(0.5)
             home = bench.reported_rad
