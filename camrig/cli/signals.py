@@ -1,4 +1,4 @@
-"""Being told to stop by SIGINT, SIGTERM or SIGHUP (the terminal has gone): as an event, or as an interruption where it does no harm."""
+"""Being told to stop by SIGINT, SIGTERM or SIGHUP: as an event, or as an interruption where it does no harm."""
 
 from __future__ import annotations
 

@@ -106,15 +106,15 @@ def run_calibration(bench: HeadBench, place: Place, tell: Tell, servo: Callable[
 
     One that takes no positions is made anew by ``servo``, with roughly measured speeds, and steered by these.
     """
-    grade: HeadGrade = "absolute"
+    rough: HeadFindings | None = None
     found = _surveyed(bench, place, tell)
     if isinstance(found, HeadFindings):
-        grade, bench = "servo", replace(bench, head=servo(found))
+        rough, bench = found, replace(bench, head=servo(found))
         found = _surveyed(bench, place, tell)
     if isinstance(found, HeadFindings):
         raise HardwareError(f"head {bench.name} neither goes to positions nor can be steered there by its speeds")
     tell("computing", 0.95)
-    return conclude(found, place, bench, grade)
+    return conclude(found, place, bench, rough)
 
 
 def _surveyed(bench: HeadBench, place: Place, tell: Tell) -> Survey | HeadFindings:
@@ -158,8 +158,11 @@ def _rough_axis(turned: Mapping[int, Sequence[float]]) -> AxisFindings | None:
     return AxisFindings(1.0, 0.0, 0.0, drive=drive, speeds_rad_s=moving)
 
 
-def conclude(found: Survey, place: Place, bench: HeadBench, grade: HeadGrade) -> HeadResult:
-    """Return what a survey comes to. Raises PartialError where it was too little."""
+def conclude(found: Survey, place: Place, bench: HeadBench, rough: HeadFindings | None) -> HeadResult:
+    """Return what a survey comes to, of a head steered by ``rough`` speeds or by positions. Raises PartialError where
+    it was too little.
+    """
+    grade: HeadGrade = "absolute" if rough is None else "servo"
     try:
         calibrated = calibrate_head(
             with_known_flanks(found.shots), place.lens, place.sizes_m, found.start, place.anchors
@@ -170,7 +173,7 @@ def conclude(found: Survey, place: Place, bench: HeadBench, grade: HeadGrade) ->
     frames = [(frame.stamp_s, bench.corners(frame)) for frame in found.frames]
     fit = calibrated.fit
     age_s = report_age(fit.model, fit.T_world_tag, place.lens, place.sizes_m, (pan, tilt), frames)
-    return HeadResult(calibrated, (pan, tilt), age_s, grade, found.moving_s, tuple(found.settles_s))
+    return HeadResult(calibrated, (pan, tilt), age_s, grade, found.moving_s, tuple(found.settles_s), driven_by=rough)
 
 
 def _only(config: RigConfig, group: DeviceGroup, name: str) -> dict[str, DeviceConfig]:
