@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+import threading
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -99,8 +100,10 @@ def head(
             warm_up()
     with emulated_world(rig_config) as (running, world), ExitStack() as borrowed:
         clock = RealClock()
-        keep = borrowed.enter_context(lent(rig_config.rig.name, name, clock)) if world is None else _nothing
-        result = _calibrated(running, name, camera, place, clock, keep, hidden=json)
+        taken_back = threading.Event()
+        if world is None:
+            taken_back = borrowed.enter_context(lent(rig_config.rig.name, name, clock))
+        result = _calibrated(running, name, camera, place, clock, taken_back, hidden=json)
     _hand_out(rig_config, config, name, camera, result, write=write, report=report, json=json)
 
 
@@ -110,17 +113,16 @@ def _calibrated(
     camera: CameraSpec,
     place: Place,
     clock: Clock,
-    keep: Callable[[], None],
+    taken_back: threading.Event,
     *,
     hidden: bool,
 ) -> HeadResult:
-    """Run the calibration; Ctrl-C ends it, and ``keep`` is called all the while."""
+    """Run the calibration; Ctrl-C ends it, and so does a daemon that has ``taken_back`` what it lent."""
     with asked_to_stop() as asked, camera_eye(running, camera.id, clock) as eye, _progress(hidden=hidden) as tell:
         plain = plain_head(running, name)
 
         def asked_to_end() -> bool:
-            keep()
-            return asked.is_set()
+            return asked.is_set() or taken_back.is_set()
 
         try:
             if reads_back(running, name):
@@ -129,12 +131,9 @@ def _calibrated(
             blind = BlindBench(name, plain, eye, clock, place.sizes_m, asked_to_end)
             return run_blind_calibration(blind, place, tell)
         except Interrupted:
-            people.print(f"{name} is stopped; nothing was written", highlight=False, markup=False)
+            why = "the daemon has taken it back, as `camrig hold` has it do: " if taken_back.is_set() else ""
+            people.print(f"{why}{name} is stopped; nothing was written", highlight=False, markup=False)
             raise typer.Exit(_INTERRUPTED) from None
-
-
-def _nothing() -> None:
-    """Keep nothing: nobody lent it."""
 
 
 def _hand_out(
