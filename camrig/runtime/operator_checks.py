@@ -21,7 +21,7 @@ def check_here(view: View, head: str) -> None:
     """Raise HardwareError where another program has the head."""
     if head in view.lent:
         raise HardwareError(
-            f"head {head} is lent to another program, as a calibration: wait until that ends, or end it by `camrig hold`"
+            f"head {head} is lent to another program, as a calibration: wait until it ends, or end it by `camrig hold`"
         )
 
 
