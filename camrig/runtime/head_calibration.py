@@ -18,7 +18,7 @@ from camrig.config.rig_file import DeviceConfig, DeviceGroup, RigConfig
 from camrig.errors import HardwareError, InputError, PartialError
 from camrig.interfaces import Head, TurnsByStep
 from camrig.messages import AxisFindings, HeadFindings, HeadGrade, LinkReport, LinkStatus, TagDetections
-from camrig.rig import HeadSpec
+from camrig.rig import HeadSpec, Interval
 from camrig.runtime.build import make_detector, make_devices
 from camrig.runtime.camera_job import CameraJob
 from camrig.runtime.enabled_head import enabled
@@ -30,8 +30,8 @@ from camrig.runtime.worker import Worker
 _KEPT = 256
 _JOIN_S = 3.0
 _FULL_TURN_RAD = 6.28
-_ROUGH_SHARES, _ROUGH_S = (0.05, 0.2, 0.6), 0.7
-_ROUGH_ROOM_RAD = math.radians(20.0)
+_ROUGH_SHARES, _ROUGH_S = (0.0, 0.05, 0.2, 0.6), 0.7
+_ROUGH_ROOM_RAD, _BEYOND_ROOM_RAD = math.radians(20.0), math.radians(8.0)
 _LEAST_RATE_RAD_S = math.radians(0.3)
 _FASTER = 3.0
 """A file's speed may be so far below the truth, in the angles that its counting makes of it."""
@@ -123,30 +123,45 @@ def _surveyed(bench: HeadBench, place: Place, tell: Tell) -> Survey | HeadFindin
         try:
             return survey(bench, place, tell)
         except DoesNotGo:
+            if bench.has_gone:  # it takes positions: something holds it now
+                raise
             tell("it takes no positions: trying speeds", 0.0)
-            rough = rough_speeds(bench)
+            rough = rough_speeds(bench, place.limits_rad)
             if rough is None:
                 raise
             return rough
 
 
-def rough_speeds(bench: HeadBench) -> HeadFindings | None:
-    """Turn the head a little at some steps, forth and back; None where that is not offered or turns nothing."""
+def rough_speeds(bench: HeadBench, limits_rad: Sequence[Interval]) -> HeadFindings | None:
+    """Turn one axis after the other a little at some steps, slowest first, forth and back, within its limits as it
+    reports; None where that is not offered or turns nothing.
+    """
     if not isinstance(bench.head, TurnsByStep):
         return None
     offered = bench.head.steps()
-    bounds = [(at - _ROUGH_ROOM_RAD, at + _ROUGH_ROOM_RAD) for at in bench.reported_rad]
+    bounds = [_room(float(at), limits) for at, limits in zip(bench.reported_rad, limits_rad, strict=True)]
     turned: dict[str, dict[int, list[float]]] = {axis: {} for axis in AXES}
-    for share in _ROUGH_SHARES:
-        pan, tilt = (offered[axis][round(share * (len(offered[axis]) - 1))] for axis in AXES)
-        for sign in (1, -1):
-            for run in bench.run((sign * pan, sign * tilt), _ROUGH_S, bounds):
-                rate = float(run.reported_rad[-1] - run.reported_rad[0]) / (run.ended_s - run.told_s)
-                turned[AXES[run.axis]].setdefault(abs(run.step), []).append(sign * rate)
+    for axis, name in enumerate(AXES):
+        for share in _ROUGH_SHARES:
+            step = offered[name][round(share * (len(offered[name]) - 1))]
+            lasts_s = _ROUGH_S
+            for signed in (step, -step):
+                for run in bench.run((signed, 0) if axis == 0 else (0, signed), lasts_s, bounds):
+                    lasts_s = run.ended_s - run.told_s  # no further back than forth
+                    rate = float(run.reported_rad[-1] - run.reported_rad[0]) / (run.ended_s - run.told_s)
+                    turned[name].setdefault(step, []).append(math.copysign(rate, rate * signed))
     axes = [_rough_axis(turned[axis]) for axis in AXES]
     if axes[0] is None or axes[1] is None:
         return None
     return HeadFindings(axes[0], axes[1], "servo")
+
+
+def _room(at_rad: float, limits_rad: Interval) -> Interval:
+    """Return how far an axis may be turned; less where the file counts so wrongly that its limits say nothing."""
+    low, high = limits_rad
+    if not low <= at_rad <= high:
+        return at_rad - _BEYOND_ROOM_RAD, at_rad + _BEYOND_ROOM_RAD
+    return max(low, at_rad - _ROUGH_ROOM_RAD), min(high, at_rad + _ROUGH_ROOM_RAD)
 
 
 def _rough_axis(turned: Mapping[int, Sequence[float]]) -> AxisFindings | None:
