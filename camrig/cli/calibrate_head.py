@@ -15,6 +15,7 @@ import typer
 
 from camrig.calibrate.head_model import AxisModel, HeadModel
 from camrig.calibrate.head_result import HeadResult
+from camrig.cli.agreed import agreed
 from camrig.cli.calibrate_head_answer import as_json, page, print_result
 from camrig.cli.console import people, print_json, progress_bar
 from camrig.cli.lending import lent
@@ -29,12 +30,13 @@ from camrig.report.calibration import write_report
 from camrig.rig import CameraSpec, HeadMount, Interval
 from camrig.runtime.emulated import emulated_world
 from camrig.runtime.head_bench import HeadBench, Interrupted
-from camrig.runtime.head_blind import BlindBench, run_blind_calibration
+from camrig.runtime.head_blind import MOST_RAD, BlindBench, run_blind_calibration
 from camrig.runtime.head_calibration import camera_eye, plain_head, reads_back, run_calibration
 from camrig.runtime.head_survey import Place, Tell
 
 _INTERRUPTED = 130
 _LIMITS = "LOW HIGH"
+_MOST_DEG = math.degrees(MOST_RAD)
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,13 @@ def head(
     rig_config = load_rig(config)
     camera = _camera_of(rig_config, name)
     place = _place(rig_config, name, camera, (pan_deg, tilt_deg), tag_size_m, free_tags=free_tags)
-    _confirm(name, place, yes=yes)
+    blind = not reads_back(rig_config, name)
+    if blind and (pan_deg is not None or tilt_deg is not None):
+        raise InputError(
+            f"{name} tells no angles, so --pan-deg and --tilt-deg cannot be kept: it is turned {_MOST_DEG:g} deg to "
+            "either side of where it stands; leave them out"
+        )
+    agreed([_motion(name, place, blind=blind)], [name], yes=yes)
     if rig_config.refine:
         with people.status("loading refinement; after an installation it is compiled once, for a quarter of a minute"):
             warm_up()
@@ -228,18 +236,15 @@ def _narrowed(axis: str, limits_rad: Interval, narrower_deg: tuple[float, float]
     return low, high
 
 
-def _confirm(name: str, place: Place, *, yes: bool) -> None:
-    """Say what will move, and ask; without a terminal --yes is needed."""
+def _motion(name: str, place: Place, *, blind: bool) -> str:
+    """Say what will move, and how far."""
+    if blind:
+        return (
+            f"{name} tells no angles: it will be turned for a minute, {_MOST_DEG:g} deg to either side of where it "
+            "stands, pan limits or not, at up to its full speed."
+        )
     pan, tilt = ("{:.0f} to {:.0f}".format(*map(math.degrees, limits)) for limits in place.limits_rad)
-    people.print(
-        f"{name} will move for three minutes, pan {pan} deg and tilt {tilt} deg at most, at up to its full speed.",
-        highlight=False,
-    )
-    if yes:
-        return
-    if not people.is_terminal:
-        raise InputError(f"this moves head {name}: say --yes where nobody can be asked")
-    typer.confirm("Is nobody in its way, and are its cables long enough?", abort=True, err=True)
+    return f"{name} will move for three minutes, pan {pan} deg and tilt {tilt} deg at most, at up to its full speed."
 
 
 @contextmanager
