@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from camrig.errors import InputError
 from camrig.geometry.lens import BrownLens
 from camrig.geometry.pan_tilt import PanTilt
 from camrig.interfaces import Published
@@ -73,6 +74,7 @@ class Desk:
     now_s: float = 0.0
     done: list[tuple[str, tuple[str, ...]]] = field(default_factory=list)
     failing: Mapping[str, str] = field(default_factory=dict)
+    lent: frozenset[str] = frozenset()
     arming: FlightState | Event = FlightState.TAKING_OFF
     events: RecentEvents = field(default_factory=RecentEvents)
 
@@ -107,10 +109,12 @@ class Desk:
             dict(self.statistics),
             dict(self.health),
             frozenset(name for name, health in self.health.items() if health.obeys),
+            self.lent,
         )
 
     def hold(self) -> Mapping[str, str]:
         self.done.append(("hold", ()))
+        self.lent = frozenset()
         return self.failing
 
     def resume(self, devices: Collection[str]) -> None:
@@ -123,8 +127,11 @@ class Desk:
         self.done.append(("aim", (head,)))
         self.aimed[head] = aim
 
-    def lend(self, head: str, for_s: float) -> Collection[str]:
-        self.done.append(("lend", (head, str(for_s))))
+    def lend(self, head: str, for_s: float, *, renew: bool = False) -> Collection[str]:
+        if renew and head not in self.lent:
+            raise InputError(f"head {head} is not lent any more")
+        self.done.append(("renew" if renew else "lend", (head, str(for_s))))
+        self.lent = frozenset({head, "north"}) if for_s else frozenset()
         status = LinkStatus.CLOSED if for_s else LinkStatus.UP
         links = {name: LinkReport(name, status, self.now_s) for name in (head, "north")}
         self.state = replace(self.state, links={**self.state.links, **links})

@@ -37,7 +37,7 @@ class SteppedTransport:
     """A serial line whose far end is an emulated one that nobody else runs."""
 
     name = "stepped"
-    fd = -1
+    fd = 0
 
     def __init__(self, emulated: ViscaLine, clock: SteppedClock, baud: int) -> None:
         self.cut = False

@@ -39,6 +39,8 @@ class HeadResult:
     moving_s: float
     settles_s: tuple[float, ...]
     speed_sigma: float | None = None
+    driven_by: HeadFindings | None = None
+    """What its driver was given before, where its file could not drive it: ``findings`` are on top of that."""
 
     @property
     def start_s(self) -> tuple[float, float] | None:

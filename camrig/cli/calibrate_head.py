@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+import threading
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +15,7 @@ import typer
 
 from camrig.calibrate.head_model import AxisModel, HeadModel
 from camrig.calibrate.head_result import HeadResult
+from camrig.cli.agreed import agreed
 from camrig.cli.asked_files import check_files, collected, write_report
 from camrig.cli.calibrate_head_answer import as_json, page, print_result
 from camrig.cli.console import people, print_json, progress_bar
@@ -28,12 +30,13 @@ from camrig.errors import InputError, PartialError
 from camrig.rig import CameraSpec, HeadMount, Interval
 from camrig.runtime.emulated import emulated_world
 from camrig.runtime.head_bench import HeadBench, Interrupted
-from camrig.runtime.head_blind import BlindBench, run_blind_calibration
+from camrig.runtime.head_blind import MOST_RAD, BlindBench, run_blind_calibration
 from camrig.runtime.head_calibration import camera_eye, plain_head, reads_back, run_calibration
 from camrig.runtime.head_survey import Place, Tell
 
 _INTERRUPTED = 130
 _LIMITS = "LOW HIGH"
+_MOST_DEG = math.degrees(MOST_RAD)
 
 
 @dataclass(frozen=True)
@@ -96,13 +99,21 @@ def head(
     check_files({"--report": report}, config)
     if write:
         check_amendable(config, head_places(rig_config, name, camera.id))
-    _confirm(name, place, yes=yes)
+    blind = not reads_back(rig_config, name)
+    if blind and (pan_deg is not None or tilt_deg is not None):
+        raise InputError(
+            f"{name} tells no angles, so --pan-deg and --tilt-deg cannot be kept: it is turned {_MOST_DEG:g} deg to "
+            "either side of where it stands; leave them out"
+        )
+    agreed([_motion(name, place, blind=blind)], [name], yes=yes)
     if rig_config.refine:
         load_refinement()
     with emulated_world(rig_config) as (running, world), ExitStack() as borrowed:
         clock = RealClock()
-        keep = borrowed.enter_context(lent(rig_config.rig.name, name, clock)) if world is None else _nothing
-        result = _calibrated(running, name, camera, place, clock, keep, hidden=json)
+        taken_back = threading.Event()
+        if world is None:
+            taken_back = borrowed.enter_context(lent(rig_config.rig.name, name, clock))
+        result = _calibrated(running, name, camera, place, clock, taken_back, hidden=json)
     _hand_out(rig_config, config, name, camera, result, write=write, report=report, json=json)
 
 
@@ -112,17 +123,16 @@ def _calibrated(
     camera: CameraSpec,
     place: Place,
     clock: Clock,
-    keep: Callable[[], None],
+    taken_back: threading.Event,
     *,
     hidden: bool,
 ) -> HeadResult:
-    """Run the calibration; Ctrl-C ends it, and ``keep`` is called all the while."""
+    """Run the calibration; Ctrl-C ends it, and so does a daemon that has ``taken_back`` what it lent."""
     with asked_to_stop() as asked, camera_eye(running, camera.id, clock) as eye, _progress(hidden=hidden) as tell:
         plain = plain_head(running, name)
 
         def asked_to_end() -> bool:
-            keep()
-            return asked.is_set()
+            return asked.is_set() or taken_back.is_set()
 
         try:
             if reads_back(running, name):
@@ -131,12 +141,9 @@ def _calibrated(
             blind = BlindBench(name, plain, eye, clock, place.sizes_m, asked_to_end)
             return run_blind_calibration(blind, place, tell)
         except Interrupted:
-            people.print(f"{name} is stopped; nothing was written", highlight=False, markup=False)
+            why = "the daemon has taken it back, as `camrig hold` has it do: " if taken_back.is_set() else ""
+            people.print(f"{why}{name} is stopped; nothing was written", highlight=False, markup=False)
             raise typer.Exit(_INTERRUPTED) from None
-
-
-def _nothing() -> None:
-    """Keep nothing: nobody lent it."""
 
 
 def _hand_out(
@@ -231,18 +238,15 @@ def _narrowed(axis: str, limits_rad: Interval, narrower_deg: tuple[float, float]
     return low, high
 
 
-def _confirm(name: str, place: Place, *, yes: bool) -> None:
-    """Say what will move, and ask; without a terminal --yes is needed."""
+def _motion(name: str, place: Place, *, blind: bool) -> str:
+    """Say what will move, and how far."""
+    if blind:
+        return (
+            f"{name} tells no angles: it will be turned for a minute, {_MOST_DEG:g} deg to either side of where it "
+            "stands, pan limits or not, at up to its full speed."
+        )
     pan, tilt = ("{:.0f} to {:.0f}".format(*map(math.degrees, limits)) for limits in place.limits_rad)
-    people.print(
-        f"{name} will move for three minutes, pan {pan} deg and tilt {tilt} deg at most, at up to its full speed.",
-        highlight=False,
-    )
-    if yes:
-        return
-    if not people.is_terminal:
-        raise InputError(f"this moves head {name}: say --yes where nobody can be asked")
-    typer.confirm("Is nobody in its way, and are its cables long enough?", abort=True, err=True)
+    return f"{name} will move for three minutes, pan {pan} deg and tilt {tilt} deg at most, at up to its full speed."
 
 
 @contextmanager

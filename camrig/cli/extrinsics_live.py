@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import typer
 
 from camrig.calibrate.sighted import Shot
 from camrig.calibrate.stops import stops_over
+from camrig.cli.agreed import agreed
 from camrig.cli.console import people, progress_bar
 from camrig.cli.refinement import load_refinement
 from camrig.cli.signals import asked_to_stop
 from camrig.clock import RealClock
 from camrig.config.rig_file import RigConfig
-from camrig.errors import InputError
 from camrig.rig import FixedMount, HeadMount, Rig
 from camrig.runtime.emulated import emulated_world
 from camrig.runtime.head_bench import Interrupted
@@ -38,7 +38,7 @@ def look_round(config: RigConfig, *, yes: bool, hidden: bool) -> tuple[list[Shot
         if isinstance(camera.mount, HeadMount) and (head := config.rig.heads[camera.mount.head])
     }
     if stops:
-        _confirm(config.rig, stops, yes=yes)
+        agreed(_motions(config.rig, stops), list(stops), yes=yes)
     if config.refine:
         load_refinement()
     total = sum(map(len, stops.values())) + sum(
@@ -60,19 +60,12 @@ def look_round(config: RigConfig, *, yes: bool, hidden: bool) -> tuple[list[Shot
             raise typer.Exit(_INTERRUPTED) from None
 
 
-def _confirm(rig: Rig, stops: Stops, *, yes: bool) -> None:
-    """Say what will move, and ask; without a terminal --yes is needed."""
+def _motions(rig: Rig, stops: Stops) -> Iterator[str]:
+    """Say what will move, and how far."""
     for name, aims in stops.items():
         head = rig.heads[name]
         pan, tilt = (
             "{:.0f} to {:.0f}".format(*map(math.degrees, limits))
             for limits in (head.pan_limits_rad, head.tilt_limits_rad)
         )
-        people.print(
-            f"{name} will go to {len(aims)} aims, pan {pan} deg, tilt {tilt} deg", highlight=False, markup=False
-        )
-    if yes:
-        return
-    if not people.is_terminal:
-        raise InputError(f"this moves {', '.join(stops)}: say --yes where nobody can be asked")
-    typer.confirm("Is nobody in their way, and are cables long enough?", abort=True, err=True)
+        yield f"{name} will go to {len(aims)} aims, pan {pan} deg, tilt {tilt} deg"

@@ -11,3 +11,6 @@ def hold(rig: RigOption = None, socket: SocketOption = None) -> None:
     answer = order(rig, socket, "hold")
     text = f"heads stopped: {names(answer, 'heads')}; drones told to hold: {names(answer, 'drones')}"
     results.print(text, markup=False, highlight=False)
+    if answer.get("lent"):
+        text = f"taken back from the program that has it, which stops it within two seconds: {names(answer, 'lent')}"
+        results.print(text, markup=False, highlight=False)

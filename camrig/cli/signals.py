@@ -1,4 +1,4 @@
-"""Being told to stop by SIGINT or SIGTERM: as an event, or as an interruption where it does no harm."""
+"""Being told to stop by SIGINT, SIGTERM or SIGHUP: as an event, or as an interruption where it does no harm."""
 
 from __future__ import annotations
 
@@ -8,17 +8,20 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+_ASKING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+
 
 @contextmanager
 def asked_to_stop() -> Iterator[threading.Event]:
-    """Yield what SIGINT and SIGTERM set while inside, instead of interrupting."""
+    """Yield what SIGINT, SIGTERM and SIGHUP set while inside, instead of interrupting."""
     asked = threading.Event()
 
     def ask(number: int, frame: FrameType | None) -> None:
         del number, frame
         asked.set()
 
-    before = {number: signal.signal(number, ask) for number in (signal.SIGTERM, signal.SIGINT)}
+    heard = [number for number in _ASKING if signal.getsignal(number) is not signal.SIG_IGN]  # as under nohup
+    before = {number: signal.signal(number, ask) for number in heard}
     try:
         yield asked
     finally:

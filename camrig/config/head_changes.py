@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from camrig.calibrate.head_result import HeadResult
 from camrig.config.document import KeyPath
-from camrig.config.rig_file import RigConfig
+from camrig.config.rig_file import DeviceConfig, RigConfig
 from camrig.geometry.arrays import Transform
 from camrig.geometry.pan_tilt import R_MOUNT_OPTICAL
 from camrig.messages import AxisFindings, HeadFindings, HeadGrade
@@ -24,10 +25,9 @@ def head_changes(config: RigConfig, head_id: str, camera_id: str, result: HeadRe
     """
     device = config.devices["heads"][head_id]
     model = result.calibration.fit.model
-    changes: dict[KeyPath, object] = {}
-    if device.driver.tuning is not None:
-        for path, value in device.driver.tuning.changes(device.section, result.findings()).items():
-            changes["heads", head_id, *path] = value
+    changes: dict[KeyPath, object] = {
+        ("heads", head_id, *path): value for path, value in _section_changes(device, result).items()
+    }
     if result.grade == "open loop":
         return changes
     if result.calibration.anchored:
@@ -51,6 +51,16 @@ def head_places(config: RigConfig, head_id: str, camera_id: str) -> list[KeyPath
         any_findings = HeadFindings(axis, axis, grade, report_age_s=0.0, start_s=0.0, speed_sigma=0.0)
         own += device.driver.tuning.changes(device.section, any_findings)
     return [*(("heads", head_id, *path) for path in own), ("cameras", camera_id, "mount", "T_mount_camera")]
+
+
+def _section_changes(device: DeviceConfig, result: HeadResult) -> Mapping[tuple[str, ...], object]:
+    """Return what its driver needs: what it was given to drive the head at all, and what was found with that."""
+    tuning = device.driver.tuning
+    if tuning is None:
+        return {}
+    given = {} if result.driven_by is None else tuning.changes(device.section, result.driven_by)
+    driven = device.amended(given)
+    return {**given, **tuning.changes(driven.section, result.findings())}
 
 
 def bias_deg(result: HeadResult) -> float:

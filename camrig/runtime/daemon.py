@@ -21,13 +21,16 @@ from camrig.runtime.build import make_sinks
 from camrig.runtime.control import LEAST_TICK_S, TICK_S, Control, Devices
 from camrig.runtime.drone_job import DroneJob
 from camrig.runtime.guardian_link import GuardianLink
+from camrig.runtime.halt import halt
 from camrig.runtime.head_job import HeadJob
 from camrig.runtime.jobs import make_jobs
 from camrig.runtime.link_counts import counted_of_all
+from camrig.runtime.loans import Loans
 from camrig.runtime.mailbox import Mailbox
 from camrig.runtime.notify import Notifier
 from camrig.runtime.operator_status import View
 from camrig.runtime.planner_link import PlannerLink
+from camrig.runtime.status_line import status_line
 from camrig.runtime.worker import Job, Worker, log_failure
 
 log = logging.getLogger(__name__)
@@ -170,7 +173,7 @@ class Daemon:
             heads = [job for job in self._actuators() if isinstance(job, HeadJob)]
             self.held = frozenset(job.name for job in heads if job.held or job.aimed is not None)
         self._stopped = True
-        self._halt([job for job in self._actuators() if not job.landing])
+        halt([job for job in self._actuators() if not job.landing])
         if self._ready and self.successor is None:
             self.notifier.stopping()
         elif self._ready:
@@ -190,21 +193,16 @@ class Daemon:
         return ended
 
     def hold(self) -> Mapping[str, str]:
-        """Stop every head and hold every drone, until ``resume``; return what failed. Any thread."""
-        return self._halt(self._actuators())
+        """Stop every head and hold every drone, until ``resume``; return what failed. Any thread.
+
+        What is lent is taken back: who has it is told when it asks for more time, and it is stopped when it is opened.
+        """
+        failed = halt(self._actuators())
+        self.loans.end()
+        return failed
 
     def _actuators(self) -> list[HeadJob | DroneJob]:
         return [*self.devices.heads.values(), *self.devices.drones.values()] if hasattr(self, "devices") else []
-
-    def _halt(self, jobs: Sequence[HeadJob | DroneJob]) -> Mapping[str, str]:
-        failed: dict[str, str] = {}
-        for job in jobs:
-            try:
-                job.stop()
-            except Exception as error:  # whatever it is, one head's trouble must not keep the next from its stop
-                log_failure(log, f"{job.name}: stop failed", error)
-                failed[job.name] = str(error)
-        return failed
 
     def resume(self, devices: Collection[str]) -> None:
         """Operator's order: these heads may move, these drones follow plans from where they are; any thread."""
@@ -216,15 +214,22 @@ class Daemon:
         """Operator's order: this head goes there and no plan moves it before ``resume``; any thread."""
         self.devices.heads[head].aim(aim)
 
-    def lend(self, head: str, for_s: float) -> Collection[str]:
-        """Operator's order: stop a head, and let go of it and its camera for so long; then it is held; any thread."""
-        devices = {head, *(camera.id for camera in [self.config.rig.camera_on(head)] if camera is not None)}
+    def lend(self, head: str, for_s: float, *, renew: bool = False) -> Collection[str]:
+        """Operator's order: stop a head, and let go of it and its camera for so long; then it is held; any thread.
+
+        A loan that is to be renewed and is over raises InputError.
+        """
+        if renew:
+            return self.loans.renew(head, for_s)
+        job = self.devices.heads[head]
         if for_s > 0.0:
-            self._halt([self.devices.heads[head]])
-        for worker in self._workers:
-            if worker.job.name in devices:
-                worker.lend(self.clock.now_s() + for_s)
-        return devices
+            halt([job])
+        return self.loans.lend(job, for_s)
+
+    @property
+    def loans(self) -> Loans:
+        """What other programs have of this rig now."""
+        return Loans(self.config.rig, self.clock, self._workers)
 
     def arm(self, drone: str) -> None:
         """Operator's order: check, arm and climb to the lowest height of the box; any thread."""
@@ -254,6 +259,7 @@ class Daemon:
             aimed={name: aim for name, job in heads.items() if (aim := job.aimed) is not None},
             statistics=counted_of_all((self.devices.cameras, heads, self.devices.drones), self._workers),
             health={name: job.health for name, job in self.devices.drones.items() if job.health is not None},
+            lent=self.loans.lent,
             flown=frozenset(name for name, job in self.devices.drones.items() if job.follows_plans),
         )
 
@@ -273,14 +279,7 @@ class Daemon:
 
     def status_line(self) -> str:
         """Return the state of the rig in one line."""
-        published = self.control.latest
-        tracked = sum(target.status.value == "tracked" for target in published.targets) if published else 0
-        lost = sorted(name for name, status in self.control.link_states.items() if status.value == "lost")
-        phase = "scanning" if self.control.state.mission.scanning else "tracking"
-        text = f"{phase}: {tracked} of {len(self.config.rig.targets)} targets"
-        return "; ".join(
-            (text, *([f"lost: {', '.join(lost)}"] if lost else []), *([self.remark] if self.remark else []))
-        )
+        return status_line(self.config.rig, self.control, self.remark)
 
     def _beating(self) -> bool:
         """Tell whether every thread that is still at work has done a turn lately."""

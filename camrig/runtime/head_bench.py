@@ -21,10 +21,10 @@ from camrig.errors import HardwareError, PartialError
 from camrig.geometry.arrays import Array
 from camrig.interfaces import Head, TurnsByStep
 from camrig.messages import AxisReading, TagDetections
+from camrig.runtime.head_flank import STILL_RAD, Flank
 
 AXES = ("pan", "tilt")
 POLL_S = 0.1
-_STILL_RAD = math.radians(0.03)
 _THERE_RAD = math.radians(0.6)
 """A head that stands further off from where it was sent was stopped by something."""
 _EXACT_RAD = math.radians(0.15)
@@ -37,10 +37,6 @@ _SILENT_S = 3.0
 _PICTURES = 3
 _SETTLE_S = 0.15
 _DARK_S = 4.0
-_WIDEST_PLAY_RAD = math.radians(1.5)
-"""On which side of its play an axis is, is taken for known once it came so far in one direction."""
-_SWALLOWED_RAD = math.radians(0.12)
-"""So little of a way back the play of any head worth calibrating swallows."""
 
 
 class Interrupted(Exception):  # noqa: N818 - somebody asked for it
@@ -57,32 +53,6 @@ class Eye(Protocol):
     def take(self) -> Sequence[TagDetections]:
         """Return what was found in the pictures since the last call, oldest first. Raises HardwareError."""
         ...
-
-
-@dataclass(slots=True)
-class _Flank:
-    """On which side of any likely play an axis is: follows its reports."""
-
-    low_rad: float = -math.inf
-    high_rad: float = math.inf
-
-    def follow(self, reported_rad: float) -> None:
-        """Take a report."""
-        half_rad = 0.5 * _WIDEST_PLAY_RAD
-        self.low_rad = min(max(self.low_rad, reported_rad - half_rad), reported_rad + half_rad)
-        self.high_rad = min(max(self.high_rad, reported_rad - half_rad), reported_rad + half_rad)
-
-    def at(self, reported_rad: float) -> tuple[float, float]:
-        """Return where the motor was when it last dragged the optics along, and towards which reports that was.
-
-        It may have come back a little since, which the play swallows. 0 where it is not known.
-        """
-        for travel in (1.0, -1.0):
-            dragged_rad = self.low_rad + travel * 0.5 * _WIDEST_PLAY_RAD
-            back_rad = travel * (dragged_rad - reported_rad)
-            if self.high_rad - self.low_rad < 1e-9 and -_STILL_RAD < back_rad < _SWALLOWED_RAD:
-                return dragged_rad, travel
-        return reported_rad, 0.0
 
 
 def corners_of(frame: TagDetections, tags: Container[str]) -> dict[str, Array]:
@@ -105,11 +75,17 @@ class HeadBench:
     asked_to_end: Callable[[], bool] = lambda: False
     frames: list[TagDetections] = field(default_factory=list)
     readings: dict[str, list[AxisReading]] = field(default_factory=lambda: {axis: [] for axis in AXES})
+    reports_optics: bool = False
+    """Whether its driver reckons with its play already; else a report is its motor's."""
+    narrower: str = "in the file (or --{axis}-deg)"
+    """Where a person gives it narrower limits."""
     moving_s: float = 0.0
     """For how long it has moved in all."""
+    has_gone: bool = False
+    """Whether it has gone to a position that was not where it stood."""
     settles_s: list[float] = field(default_factory=list)
     """How long after it first reported that it stood pictures stood too."""
-    _flanks: tuple[_Flank, _Flank] = field(default_factory=lambda: (_Flank(), _Flank()))
+    _flanks: tuple[Flank, Flank] = field(default_factory=lambda: (Flank(), Flank()))
     _heard_s: float = -math.inf
 
     def serve(self, duration_s: float) -> None:
@@ -131,9 +107,20 @@ class HeadBench:
             if self.clock.now_s() >= until_s:
                 return
 
+    def begin(self) -> None:
+        """Serve for half a second, and until both axes were heard twice. Raises HardwareError where one is not."""
+        until_s = self.clock.now_s() + _SILENT_S
+        self.serve(0.5)
+        while missing := [axis for axis in AXES if len(self.readings[axis]) < 2]:
+            if self.clock.now_s() > until_s:
+                raise HardwareError(
+                    f"head {self.name} has not told its {' and its '.join(missing)} for {_SILENT_S:g} s; it is stopped"
+                )
+            self.serve(0.0)
+
     @property
     def reported_rad(self) -> Array:
-        """Return the last reports of pan and tilt (2,)."""
+        """Return the last reports of pan and tilt (2,), once it has begun."""
         return np.array([self.readings[axis][-1].angle_rad for axis in AXES])
 
     def go(self, pan_rad: float, tilt_rad: float) -> float:
@@ -141,11 +128,11 @@ class HeadBench:
         target = np.array([pan_rad, tilt_rad])
         self.head.move_to(pan_rad, tilt_rad)
         sent_s = moved_s = self.clock.now_s()
-        last = self.reported_rad
+        begun = last = self.reported_rad
         while True:
             self.serve(0.0)
             now_s, here = self.clock.now_s(), self.reported_rad
-            if np.abs(here - last).max() > _STILL_RAD:
+            if np.abs(here - last).max() > STILL_RAD:
                 last, moved_s = here, now_s
             off_rad = float(np.abs(here - target).max())
             there = off_rad < _THERE_RAD
@@ -153,6 +140,7 @@ class HeadBench:
             stands = now_s - moved_s > (patience_s if there or moved_s > sent_s else _BEGIN_S)
             if stands and there:
                 self.moving_s += moved_s - sent_s
+                self.has_gone = self.has_gone or bool(np.abs(here - begun).max() > _THERE_RAD)
                 if isinstance(self.head, TurnsByStep):
                     self.head.turn(0, 0)  # nothing corrects it while it is looked through
                 return moved_s
@@ -176,7 +164,10 @@ class HeadBench:
         corners = [self.corners(frame) for frame in seen]
         common = set.intersection(*(set(each) for each in corners)) if corners else set()
         self._note_settling(stood_s, corners[-1])
-        dragged = [flank.at(at) for flank, at in zip(self._flanks, self._stood_at(stood_s), strict=True)]
+        at_rad = self._stood_at(stood_s)
+        dragged = [flank.at(at) for flank, at in zip(self._flanks, at_rad, strict=True)]
+        if self.reports_optics:
+            dragged = [(at, 0.0) for at in at_rad]
         return HeadShot(
             reported_rad=np.array([reported_rad for reported_rad, _ in dragged]),
             travel=np.array([travel for _, travel in dragged]),
@@ -219,7 +210,7 @@ class HeadBench:
         until_s = still_s + _STUCK_S
         while self.clock.now_s() - still_s < 0.4:
             self.serve(0.0)
-            if np.abs(self.reported_rad - last).max() > 0.5 * _STILL_RAD:
+            if np.abs(self.reported_rad - last).max() > 0.5 * STILL_RAD:
                 last, still_s = self.reported_rad, self.clock.now_s()
             if self.clock.now_s() > until_s:
                 raise HardwareError(f"head {self.name} still moves {_STUCK_S:g} s after it was told to stand")
@@ -281,6 +272,6 @@ class HeadBench:
         at, to = math.degrees(here[axis]), math.degrees(target[axis])
         return (
             f"head {self.name}: its {AXES[axis]} stands at {at:.1f} deg (as it reports) though it was sent to "
-            f"{to:.1f}: a stop, a cable or a limit of its own; it is stopped. Give it narrower limits in the file "
-            f"(or --{AXES[axis]}-deg) and start again"
+            f"{to:.1f}: a stop, a cable or a limit of its own; it is stopped. Give it narrower limits "
+            f"{self.narrower.format(axis=AXES[axis])} and start again"
         )

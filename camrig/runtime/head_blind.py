@@ -16,13 +16,15 @@ from camrig.errors import HardwareError, PartialError
 from camrig.geometry.arrays import Array
 from camrig.interfaces import Head, TurnsByStep
 from camrig.messages import TagDetections
+from camrig.runtime.enabled_head import enabled
 from camrig.runtime.head_bench import Eye, Interrupted, corners_of
 from camrig.runtime.head_survey import Place, Tell
 
 _SHARES = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)
+_FIRST_SHARES = (0.0, 0.03, 0.06, 0.12, 0.2, 0.35)
 _TURNS_EACH = 4
 _FIRST_S, _LONGEST_S, _SHORTEST_S = 0.5, 1.5, 0.35
-_MOST_RAD = math.radians(14.0)
+MOST_RAD = math.radians(14.0)
 """How far to either side of where it stands it is turned at most."""
 _VIEW_SHARE = 0.22
 _SEEN_RAD = math.radians(0.5)
@@ -86,21 +88,17 @@ def run_blind_calibration(bench: BlindBench, place: Place, tell: Tell) -> HeadRe
     if not isinstance(bench.head, TurnsByStep):
         raise HardwareError(f"head {bench.name} tells no angles and offers no steps of speed: nothing can be measured")
     offered = bench.head.steps()
-    bench.head.open()
-    try:
-        bench.head.enable()
+    with enabled(bench.name, bench.head):
         tell("first turns", 0.0)
         view = _first_turns(bench, place, offered)
+        first = len(bench.runs)
         for number, share in enumerate(_SHARES):
             tell("speeds", 0.1 + 0.85 * number / len(_SHARES))
             _turns(bench, place, view, _steps(offered, share))
-    finally:
-        bench.head.stop()
-        bench.head.close()
     tell("computing", 0.95)
     frames = [(frame.stamp_s, corners_of(frame, bench.tags)) for frame in bench.frames]
     calibration, stamps_s, angles_rad = measured(view, place.file, place.sizes_m, frames)
-    pan, tilt = timings(bench.runs, stamps_s, angles_rad)
+    pan, tilt = timings(bench.runs[first:], stamps_s, angles_rad)
     sigma = speed_sigma((pan, tilt))
     return HeadResult(calibration, (pan, tilt), None, "open loop", bench.moving_s, (), sigma)
 
@@ -119,9 +117,13 @@ def _first_turns(bench: BlindBench, place: Place, offered: Mapping[str, Sequence
 
 
 def _until_seen(bench: BlindBench, view: BlindView, offered: Mapping[str, Sequence[int]], axis: int) -> Array:
-    """Turn one axis a little at growing steps until the picture turns; return the rotation vector (3,)."""
-    for share in _SHARES[:4]:
-        step = _steps(offered, share)[axis]
+    """Turn one axis a little, the slowest step first, until the picture turns; return the rotation vector (3,).
+
+    How fast a step is nobody knows yet. Each is about twice the one before, which did not turn the picture, goes the
+    other way first, and comes back. They are too short, and play swallows too much of them, to tell speeds.
+    """
+    for number, share in enumerate(_FIRST_SHARES):
+        step = _steps(offered, share)[axis] * (-1 if number % 2 else 1)
         bench.run((step, 0) if axis == 0 else (0, step), _FIRST_S)
         turned = view.turn_rad(bench.look())
         bench.run((-step, 0) if axis == 0 else (0, -step), _FIRST_S)
@@ -153,7 +155,7 @@ def _turns(bench: BlindBench, place: Place, view: BlindView, steps: tuple[int, i
 def _bounds(place: Place, view: BlindView) -> list[tuple[float, float]]:
     """Return between which pans and tilts it may be turned: round where it began, within tilt's limits."""
     pan, tilt = (
-        min(_MOST_RAD, 2.0 * _VIEW_SHARE * math.atan(0.5 * size / focal))
+        min(MOST_RAD, 2.0 * _VIEW_SHARE * math.atan(0.5 * size / focal))
         for size, focal in zip(place.lens.size_px, place.lens.focal_px, strict=True)
     )
     low, high = place.limits_rad[1]

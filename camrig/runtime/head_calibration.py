@@ -18,9 +18,10 @@ from camrig.config.rig_file import DeviceConfig, DeviceGroup, RigConfig
 from camrig.errors import HardwareError, InputError, PartialError
 from camrig.interfaces import Head, TurnsByStep
 from camrig.messages import AxisFindings, HeadFindings, HeadGrade, LinkReport, LinkStatus, TagDetections
-from camrig.rig import HeadSpec
+from camrig.rig import HeadSpec, Interval
 from camrig.runtime.build import make_detector, make_devices
 from camrig.runtime.camera_job import CameraJob
+from camrig.runtime.enabled_head import enabled
 from camrig.runtime.head_bench import DoesNotGo, Eye, HeadBench
 from camrig.runtime.head_survey import Place, Survey, Tell, survey
 from camrig.runtime.mailbox import Mailbox
@@ -29,8 +30,8 @@ from camrig.runtime.worker import Worker
 _KEPT = 256
 _JOIN_S = 3.0
 _FULL_TURN_RAD = 6.28
-_ROUGH_SHARES, _ROUGH_S = (0.05, 0.2, 0.6), 0.7
-_ROUGH_ROOM_RAD = math.radians(20.0)
+_ROUGH_SHARES, _ROUGH_S = (0.0, 0.05, 0.2, 0.6), 0.7
+_ROUGH_ROOM_RAD, _BEYOND_ROOM_RAD = math.radians(20.0), math.radians(8.0)
 _LEAST_RATE_RAD_S = math.radians(0.3)
 _FASTER = 3.0
 """A file's speed may be so far below the truth, in the angles that its counting makes of it."""
@@ -105,59 +106,62 @@ def run_calibration(bench: HeadBench, place: Place, tell: Tell, servo: Callable[
 
     One that takes no positions is made anew by ``servo``, with roughly measured speeds, and steered by these.
     """
-    grade: HeadGrade = "absolute"
+    rough: HeadFindings | None = None
     found = _surveyed(bench, place, tell)
     if isinstance(found, HeadFindings):
-        grade, bench = "servo", replace(bench, head=servo(found))
+        rough, bench = found, replace(bench, head=servo(found))
         found = _surveyed(bench, place, tell)
     if isinstance(found, HeadFindings):
         raise HardwareError(f"head {bench.name} neither goes to positions nor can be steered there by its speeds")
     tell("computing", 0.95)
-    return conclude(found, place, bench, grade)
+    return conclude(found, place, bench, rough)
 
 
 def _surveyed(bench: HeadBench, place: Place, tell: Tell) -> Survey | HeadFindings:
     """Survey a head; of one that takes no positions return how fast it turns, roughly."""
-    with enabled(bench.head):
+    with enabled(bench.name, bench.head):
         try:
             return survey(bench, place, tell)
         except DoesNotGo:
+            if bench.has_gone:  # it takes positions: something holds it now
+                raise
             tell("it takes no positions: trying speeds", 0.0)
-            rough = rough_speeds(bench)
+            rough = rough_speeds(bench, place.limits_rad)
             if rough is None:
                 raise
             return rough
 
 
-@contextmanager
-def enabled(head: Head) -> Iterator[None]:
-    """Have a head open and enabled while inside; it is stopped however that ends."""
-    head.open()
-    try:
-        head.enable()
-        yield
-    finally:
-        head.stop()
-        head.close()
-
-
-def rough_speeds(bench: HeadBench) -> HeadFindings | None:
-    """Turn the head a little at some steps, forth and back; None where that is not offered or turns nothing."""
+def rough_speeds(bench: HeadBench, limits_rad: Sequence[Interval]) -> HeadFindings | None:
+    """Turn one axis after the other a little at some steps, slowest first, forth and back, within its limits as it
+    reports; None where that is not offered or turns nothing.
+    """
     if not isinstance(bench.head, TurnsByStep):
         return None
     offered = bench.head.steps()
-    bounds = [(at - _ROUGH_ROOM_RAD, at + _ROUGH_ROOM_RAD) for at in bench.reported_rad]
+    bounds = [_room(float(at), limits) for at, limits in zip(bench.reported_rad, limits_rad, strict=True)]
     turned: dict[str, dict[int, list[float]]] = {axis: {} for axis in AXES}
-    for share in _ROUGH_SHARES:
-        pan, tilt = (offered[axis][round(share * (len(offered[axis]) - 1))] for axis in AXES)
-        for sign in (1, -1):
-            for run in bench.run((sign * pan, sign * tilt), _ROUGH_S, bounds):
-                rate = float(run.reported_rad[-1] - run.reported_rad[0]) / (run.ended_s - run.told_s)
-                turned[AXES[run.axis]].setdefault(abs(run.step), []).append(sign * rate)
+    for axis, name in enumerate(AXES):
+        for share in _ROUGH_SHARES:
+            step = offered[name][round(share * (len(offered[name]) - 1))]
+            lasts_s = _ROUGH_S
+            for signed in (step, -step):
+                for run in bench.run((signed, 0) if axis == 0 else (0, signed), lasts_s, bounds):
+                    lasts_s = run.ended_s - run.told_s  # no further back than forth
+                    rate = float(run.reported_rad[-1] - run.reported_rad[0]) / (run.ended_s - run.told_s)
+                    turned[name].setdefault(step, []).append(math.copysign(rate, rate * signed))
     axes = [_rough_axis(turned[axis]) for axis in AXES]
     if axes[0] is None or axes[1] is None:
         return None
     return HeadFindings(axes[0], axes[1], "servo")
+
+
+def _room(at_rad: float, limits_rad: Interval) -> Interval:
+    """Return how far an axis may be turned; less where the file counts so wrongly that its limits say nothing."""
+    low, high = limits_rad
+    if not low <= at_rad <= high:
+        return at_rad - _BEYOND_ROOM_RAD, at_rad + _BEYOND_ROOM_RAD
+    return max(low, at_rad - _ROUGH_ROOM_RAD), min(high, at_rad + _ROUGH_ROOM_RAD)
 
 
 def _rough_axis(turned: Mapping[int, Sequence[float]]) -> AxisFindings | None:
@@ -169,8 +173,11 @@ def _rough_axis(turned: Mapping[int, Sequence[float]]) -> AxisFindings | None:
     return AxisFindings(1.0, 0.0, 0.0, drive=drive, speeds_rad_s=moving)
 
 
-def conclude(found: Survey, place: Place, bench: HeadBench, grade: HeadGrade) -> HeadResult:
-    """Return what a survey comes to. Raises PartialError where it was too little."""
+def conclude(found: Survey, place: Place, bench: HeadBench, rough: HeadFindings | None) -> HeadResult:
+    """Return what a survey comes to, of a head steered by ``rough`` speeds or by positions. Raises PartialError where
+    it was too little.
+    """
+    grade: HeadGrade = "absolute" if rough is None else "servo"
     try:
         calibrated = calibrate_head(
             with_known_flanks(found.shots), place.lens, place.sizes_m, found.start, place.anchors
@@ -181,7 +188,7 @@ def conclude(found: Survey, place: Place, bench: HeadBench, grade: HeadGrade) ->
     frames = [(frame.stamp_s, bench.corners(frame)) for frame in found.frames]
     fit = calibrated.fit
     age_s = report_age(fit.model, fit.T_world_tag, place.lens, place.sizes_m, (pan, tilt), frames)
-    return HeadResult(calibrated, (pan, tilt), age_s, grade, found.moving_s, tuple(found.settles_s))
+    return HeadResult(calibrated, (pan, tilt), age_s, grade, found.moving_s, tuple(found.settles_s), driven_by=rough)
 
 
 def _only(config: RigConfig, group: DeviceGroup, name: str) -> dict[str, DeviceConfig]:

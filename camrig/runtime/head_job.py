@@ -35,6 +35,9 @@ class HeadJob:
     _wanted: threading.Event = field(default_factory=threading.Event)
     _enabled: bool = False
     _order: StandingAim | None = None
+    _loans: int = 0
+    _taken_back: int = 0
+    """How many of its loans ended with a stop written by this job."""
 
     def __post_init__(self) -> None:
         if self.auto_enable:
@@ -65,7 +68,11 @@ class HeadJob:
         self.seen.clear()
         if (order := self._order) is not None:
             order.give_up()
+        loans = self._loans  # read first: one that is made meanwhile ends with the next opening
         self.head.open()
+        if loans != self._taken_back:
+            self.head.stop()  # who had it may have died and left it turning
+            self._taken_back = loans
         if (guard := self.head.guard()).stop_bytes:
             self.guardian.hold(self.name, guard)
 
@@ -139,6 +146,10 @@ class HeadJob:
         """Operator's order: go there, held or not, and let no plan move it before ``resume``; any thread."""
         self._order = StandingAim(aim)
         self._wanted.set()
+
+    def lend(self) -> None:
+        """Note that another program has it: it is stopped when it is opened after that; any thread."""
+        self._loans += 1
 
     def stop(self) -> None:
         """End motion now and stay still until ``resume``; any thread."""

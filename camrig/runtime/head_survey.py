@@ -72,7 +72,7 @@ class Survey:
 
 def survey(bench: HeadBench, place: Place, tell: Tell) -> Survey:
     """Move an enabled head through all of it. Raises PartialError where the head or its tags do not let it."""
-    bench.serve(0.5)
+    bench.begin()
     found = Survey(on_a_pivot(place.file, bench.reported_rad))
     tell("first turn", 0.0)
     _first_turns(bench, place, found)

@@ -17,8 +17,9 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from camrig.errors import CamrigError, HardwareError, InputError, PartialError
 from camrig.locate import DroneHistory
-from camrig.messages import FlightState, HeadAim, LinkStatus
+from camrig.messages import FlightState, HeadAim
 from camrig.runtime.operator_aim import operator_aim
+from camrig.runtime.operator_checks import check_here, check_known, unreached
 from camrig.runtime.operator_status import RecentEvents, View, status_of
 from camrig.steer import take_off_obstacle
 
@@ -38,7 +39,7 @@ class Orders(Protocol):
         ...
 
     def hold(self) -> Mapping[str, str]:
-        """Stop every head and hold every drone until ``resume``; return what failed, by device."""
+        """Stop every head, hold every drone until ``resume``, take back what is lent; return what failed, by device."""
         ...
 
     def resume(self, devices: Collection[str]) -> None:
@@ -49,8 +50,10 @@ class Orders(Protocol):
         """Send a head there, held or not, and keep plans from moving it until ``resume``."""
         ...
 
-    def lend(self, head: str, for_s: float) -> Collection[str]:
-        """Stop a head and let go of it and its camera for so long, 0: take them back; return both. It is held then."""
+    def lend(self, head: str, for_s: float, *, renew: bool = False) -> Collection[str]:
+        """Stop a head and let go of it and its camera for so long, 0: take them back; return both. It is held then.
+        Raises InputError where a loan is to be renewed that is over.
+        """
         ...
 
     def arm(self, drone: str) -> None:
@@ -103,11 +106,15 @@ class Aim(_Request):
 
 
 class Lend(_Request):
-    """Let another program have a head and its camera for a while, as a calibration; 0: no longer."""
+    """Let another program have a head and its camera for a while, as a calibration; 0: no longer.
+
+    With ``renew`` for longer, which is refused once the loan is over.
+    """
 
     command: Literal["lend"]
     head: Id
     for_s: Annotated[float, Field(ge=0.0, le=60.0)]
+    renew: bool = False
 
 
 class Arm(_Request):
@@ -178,10 +185,10 @@ class Operator:
                 return self._resume(request)
             case Aim():
                 return self._aim(request)
-            case Lend(head=head, for_s=for_s):
+            case Lend(head=head, for_s=for_s, renew=renew):
                 rig = self.orders.view().rig
-                _check_known(rig.name, "head", head, rig.heads)
-                return {"devices": sorted(self.orders.lend(head, for_s))}
+                check_known(rig.name, "head", head, rig.heads)
+                return {"devices": sorted(self.orders.lend(head, for_s, renew=renew))}
             case Arm(drone=drone):
                 self._reach_drone(drone)
                 self._check_room(drone)
@@ -194,34 +201,43 @@ class Operator:
         return {}
 
     def _hold(self) -> Answer:
+        lent = self.orders.view().lent
         failed = self.orders.hold()
         view = self.orders.view()
         rig = view.rig
-        unreached = {**_unreached(view, (*rig.heads, *rig.drones)), **failed}
-        if unreached:
-            reasons = "; ".join(f"{name}: {reason}" for name, reason in sorted(unreached.items()))
-            raise PartialError(f"no stop reached {reasons} (none of them is moved again before resume)")
-        return {"heads": sorted(rig.heads), "drones": sorted(rig.drones)}
+        heads = [name for name in sorted(rig.heads) if name not in lent]
+        missed = {**unreached(view, (*heads, *rig.drones)), **failed}
+        if missed:
+            reasons = "; ".join(f"{name}: {reason}" for name, reason in sorted(missed.items()))
+            told = f"; taken back from who has it: {', '.join(sorted(lent & rig.heads.keys()))}" if lent else ""
+            raise PartialError(f"no stop reached {reasons} (none of them is moved again before resume){told}")
+        taken_back = {"lent": sorted(lent & rig.heads.keys())} if lent else {}
+        return {"heads": heads, "drones": sorted(rig.drones), **taken_back}
 
     def _resume(self, request: Resume) -> Answer:
         view = self.orders.view()
         rig = view.rig
         for name in request.heads:
-            _check_known(rig.name, "head", name, rig.heads)
+            check_known(rig.name, "head", name, rig.heads)
+            check_here(view, name)
         for name in request.drones:
             self._reach_drone(name)
-        heads = tuple(sorted(request.heads or (() if request.drones else rig.heads)))
+        here = [name for name in rig.heads if name not in view.lent]
+        heads = tuple(sorted(request.heads or (() if request.drones else here)))
+        for name in rig.heads if not (heads or request.drones) else ():
+            check_here(view, name)
         if not heads and not request.drones:
             raise InputError(f"rig '{rig.name}' has no heads to resume; a drone is resumed by its name")
         self.orders.resume((*heads, *request.drones))
         drones = {"drones": list(request.drones)} if request.drones else {}
-        return {"heads": list(heads), "unreached": _unreached(view, heads), **drones}
+        return {"heads": list(heads), "unreached": unreached(view, heads), **drones}
 
     def _aim(self, request: Aim) -> Answer:
         view = self.orders.view()
         name = request.head
-        _check_known(view.rig.name, "head", name, view.rig.heads)
-        for reason in _unreached(view, [name]).values():
+        check_known(view.rig.name, "head", name, view.rig.heads)
+        check_here(view, name)
+        for reason in unreached(view, [name]).values():
             raise HardwareError(f"head {name} cannot be reached: {reason}")
         aim = operator_aim(view, name, request.pan_deg, request.tilt_deg)
         self.orders.aim(name, aim)
@@ -229,8 +245,8 @@ class Operator:
 
     def _reach_drone(self, drone: str) -> None:
         view = self.orders.view()
-        _check_known(view.rig.name, "drone", drone, view.rig.drones)
-        for name, reason in _unreached(view, [drone]).items():
+        check_known(view.rig.name, "drone", drone, view.rig.drones)
+        for name, reason in unreached(view, [drone]).items():
             raise HardwareError(f"drone {name} cannot be reached: {reason}")
 
     def _check_room(self, drone: str) -> None:
@@ -263,20 +279,3 @@ def _parsed(request: object) -> Request:
         faults = "; ".join(f"{'.'.join(map(str, fault['loc']))} {fault['msg']}".strip() for fault in error.errors())
         # Escaped and cut: this text goes into a log, and the keys in it are the sender's.
         raise InputError(f"the request is not understood: {ascii(faults)[1:-1][:_FAULT_CHARACTERS]}") from error
-
-
-def _check_known(rig: str, kind: str, name: str, known: Iterable[str]) -> None:
-    names = ", ".join(sorted(known))
-    if name not in known:
-        allowed = f"its {kind}s are {names}" if names else f"it has no {kind}s"
-        raise InputError(f"rig '{rig}' has no {kind} {name!r}; {allowed}")
-
-
-def _unreached(view: View, devices: Iterable[str]) -> dict[str, str]:
-    """Return the devices whose link is not up, and why."""
-    reports = ((name, view.link(name)) for name in devices)
-    return {
-        name: f"link {report.status.value} ({report.reason})" if report.reason else f"link {report.status.value}"
-        for name, report in reports
-        if report.status is not LinkStatus.UP
-    }

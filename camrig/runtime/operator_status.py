@@ -46,6 +46,8 @@ class View:
     """How the drones are whose drivers tell."""
     flown: frozenset[str] = frozenset()
     """Drones that follow plans."""
+    lent: frozenset[str] = frozenset()
+    """Devices that other programs have."""
 
     def link(self, device: str) -> LinkReport:
         """Return the last report of a device's link; one that has said nothing yet is closed."""

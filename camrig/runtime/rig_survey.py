@@ -12,7 +12,7 @@ from camrig.calibrate.head_aims import Stop
 from camrig.calibrate.sighted import Shot
 from camrig.clock import Clock
 from camrig.config.rig_file import RigConfig
-from camrig.errors import HardwareError, InputError
+from camrig.errors import HardwareError, InputError, PartialError
 from camrig.geometry.arrays import Array
 from camrig.geometry.corner_noise import tag_width_px
 from camrig.interfaces import Head
@@ -20,8 +20,9 @@ from camrig.locate.tags import CELL, MIN_WIDTH_PX
 from camrig.messages import TagDetections
 from camrig.rig import FixedMount, HeadMount
 from camrig.runtime.build import make_devices
+from camrig.runtime.enabled_head import enabled
 from camrig.runtime.head_bench import Eye, HeadBench, Interrupted
-from camrig.runtime.head_calibration import camera_eye, enabled
+from camrig.runtime.head_calibration import camera_eye
 
 _PICTURES = 3
 _DARK_S = 5.0
@@ -58,10 +59,11 @@ class RigSurvey:
                     case FixedMount():
                         found.append(self._fixed(name))
                     case HeadMount(head=head):
-                        found += self._on_head(name, head, heads[head], 1 + len(found))
+                        for shot in self._on_head(name, head, heads[head], 1 + len(found)):
+                            found.append(shot)  # noqa: PERF402 - those before a fault count
                     case _:
                         continue
-            except (HardwareError, InputError) as error:
+            except (HardwareError, InputError, PartialError) as error:
                 faults.append(f"{name}: {error}")
         return found, faults
 
@@ -75,9 +77,11 @@ class RigSurvey:
 
     def _on_head(self, name: str, head_id: str, head: Head, first: int) -> Iterator[Shot]:
         """Look through a camera from stop to stop of its head."""
-        with camera_eye(self.config, name, self.clock) as eye, enabled(head):
-            bench = HeadBench(head_id, head, eye, self.clock, _All(), self.asked_to_end)
-            bench.serve(0.5)
+        with camera_eye(self.config, name, self.clock) as eye, enabled(head_id, head):
+            bench = HeadBench(
+                head_id, head, eye, self.clock, _All(), self.asked_to_end, reports_optics=True, narrower="in the file"
+            )
+            bench.begin()
             home = bench.reported_rad
             for number, stop in enumerate(self.stops[head_id]):
                 self.tell(f"{name}, {number + 1} of {len(self.stops[head_id])}")

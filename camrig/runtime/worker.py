@@ -84,7 +84,8 @@ class Worker:
         self.job.wake()
 
     @property
-    def _is_lent(self) -> bool:
+    def lent(self) -> bool:
+        """Whether another program has the device now; any thread."""
         return self.clock.now_s() < self._lent_until_s
 
     def join(self, timeout_s: float) -> bool:
@@ -112,13 +113,13 @@ class Worker:
         while not self._stopping.is_set():
             try:
                 self._beat()
-                if self._is_lent:
+                if self.lent:
                     self._wait_for_it()
                     continue
                 self.job.open()
                 self._report(LinkStatus.UP, "")
                 retry_s, was_up = FIRST_RETRY_S, True
-                while not (self._stopping.is_set() or self._is_lent):
+                while not (self._stopping.is_set() or self.lent):
                     self._beat()
                     self.job.turn()
             except LinkLost as error:
@@ -135,7 +136,7 @@ class Worker:
         """Do without the device while it is lent."""
         self.job.close()
         self._report(LinkStatus.CLOSED, LENT)
-        while self._is_lent and not self._stopping.wait(_LENT_LOOK_S):
+        while self.lent and not self._stopping.wait(_LENT_LOOK_S):
             self._beat()
 
     def _beat(self) -> None:

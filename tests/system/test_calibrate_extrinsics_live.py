@@ -65,7 +65,7 @@ def test_a_rig_looks_round_and_finds_where_it_stands(tmp_path: Path, capsys: pyt
 def test_nothing_moves_without_a_word(tmp_path: Path) -> None:
     rig_yaml = tmp_path / "rig.yaml"
     rig_yaml.write_text(RIG)
-    with pytest.raises(InputError, match="this moves pt1: say --yes where nobody can be asked"):
+    with pytest.raises(InputError, match="this moves head pt1: say --yes where nobody can be asked"):
         extrinsics(rig_yaml, live=True)
     with pytest.raises(InputError, match="--from-images CAMERA=PICTURES, or --live"):
         extrinsics(rig_yaml)

@@ -24,6 +24,11 @@ heads:
 detector: {refine: false}
 """
 ANCHOR = "anchors: [{id: 100, size_m: 0.2, T_world_tag: {position_m: [1, 1, 0]}}]\n"
+AXIS = '{speeds: {"1": 0.2, "63": 20}}'
+BLIND = (RIG + ANCHOR).replace(
+    "address: 1,",
+    f"address: 1, grade: open_loop, axes: {{pan: {AXIS}, tilt: {AXIS}}}, open_loop: {{zero: {{by: anchors}}}},",
+)
 
 
 @pytest.mark.parametrize(
@@ -41,6 +46,7 @@ ANCHOR = "anchors: [{id: 100, size_m: 0.2, T_world_tag: {position_m: [1, 1, 0]}}
         ),
         (RIG + ANCHOR, "pt1", {"pan_deg": (-120.0, 60.0)}, InputError, "within the file's -90 to 90"),
         (RIG + ANCHOR, "dummy", {}, InputError, "its driver fake cannot be calibrated"),
+        (BLIND, "pt1", {"pan_deg": (-5.0, 5.0)}, InputError, "pt1 tells no angles, so --pan-deg and --tilt-deg cannot"),
         (RIG + ANCHOR, "pt1", {}, HardwareError, "/dev/none"),
     ],
 )
@@ -77,6 +83,16 @@ def test_files_that_cannot_be_written_are_told_before_anything_moves(
     with pytest.raises(InputError, match=said):  # and not that /dev/none cannot be opened
         head(path, "pt1", yes=True, write=True, report=tmp_path / report)
     assert path.read_text() == text
+
+
+def test_who_is_asked_learns_how_far_a_head_that_tells_nothing_is_turned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(BLIND)
+    with pytest.raises(InputError, match="this moves head pt1: say --yes"):
+        head(path, "pt1")
+    assert "14 deg to either side of where it stands, pan limits or not" in " ".join(capsys.readouterr().err.split())
 
 
 def test_exit_code_and_no_traceback(tmp_path: Path) -> None:

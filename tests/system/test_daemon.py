@@ -5,7 +5,10 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+import pytest
+
 from camrig.config.settings import settings_of
+from camrig.errors import InputError
 from camrig.messages import LinkStatus
 from camrig.runtime.daemon import Daemon
 from camrig_emulators.fakes import FakeCamera, FakeDrone
@@ -91,8 +94,13 @@ def test_a_head_and_its_camera_are_lent_while_the_others_work_on(daemon: Daemon)
     frames = daemon.devices.cameras["south"].frames
     until(lambda: daemon.devices.cameras["south"].frames > frames + 3)
     assert links_are(LinkStatus.UP, "pt2", "south")
-    daemon.lend("pt1", 0.0)
+    assert daemon.lend("pt1", 30.0, renew=True) == {"pt1", "north"}
+    before = len(head(daemon, "pt1").commands)
+    assert daemon.hold() == {}
+    with pytest.raises(InputError, match="pt1 is not lent any more"):
+        daemon.lend("pt1", 30.0, renew=True)
     until(lambda: links_are(LinkStatus.UP, "pt1", "north"))
+    assert [aim for _, aim in head(daemon, "pt1").commands[before:]] == [None, None]  # held, and opened again
     assert daemon.devices.heads["pt1"].held
     assert not head(daemon, "pt1").enabled
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,13 @@ import pytest
 
 from camrig.calibrate.head import HeadCalibration, calibrate_head
 from camrig.calibrate.head_result import HeadResult
+from camrig.calibrate.head_timing import AxisTiming
 from camrig.cli.calibrate_head_answer import as_json, axis_rows, facts, page, print_result
 from camrig.cli.console import finite
 from camrig.config.amend import amend_rig
 from camrig.config.head_changes import bias_deg, head_changes
 from camrig.config.rig_file import load_rig
+from camrig.messages import AxisFindings, HeadFindings
 from camrig.report.calibration import report_html
 from camrig.rig import HeadMount
 from tests.head_shots import AIMS_DEG, ROUGH, TAGS, seen_from
@@ -91,3 +94,24 @@ def test_people_and_the_page_are_told_the_same(result: HeadResult, capsys: pytes
     html = report_html(page("pt1", Path("rig.yaml"), result, {}))
     assert all(name in said and text in said and text in html for name, text in facts(result))
     assert "bias" not in html
+
+
+def test_what_a_head_was_steered_with_stays_in_what_is_written(result: HeadResult, tmp_path: Path) -> None:
+    """Its pan turned against the file's drive_sign; turned the other way, it then went where it was told."""
+    factor = result.calibration.fit.model.axes[0].factor
+    none = np.zeros(0)
+    rates = {step: math.copysign(0.1, step * factor) for step in (20, -20)}
+    timing = AxisTiming((), rates, dict.fromkeys(rates, 1e-3), 0.1, 0.01, 0.1, 2.0, 0.1, none, none)
+    against = AxisFindings(1.0, 0.0, 0.0, drive=-1, speeds_rad_s={5: 0.02, 20: 0.1})
+    rough = HeadFindings(against, replace(against, drive=1), "servo")
+    steered = replace(result, timings=(timing, None), grade="servo", driven_by=rough)
+    path = tmp_path / "rig.yaml"
+    path.write_text(RIG)
+    before = load_rig(path).devices["heads"]["pt1"].section.axes
+    amend_rig(path, head_changes(load_rig(path), "pt1", "eye", steered))
+    section = load_rig(path).devices["heads"]["pt1"].section
+    assert section.axes.pan.drive_sign == -before.pan.drive_sign
+    assert section.axes.tilt.drive_sign == before.tilt.drive_sign
+    assert list(section.axes.pan.speeds) == [20]
+    assert list(section.axes.tilt.speeds) == [5, 20]
+    assert section.grade.value == "velocity"

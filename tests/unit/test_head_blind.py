@@ -35,7 +35,9 @@ def _bench(rig: SimulatedHeads) -> BlindBench:
 
 def test_speeds_and_dead_time_are_found_without_a_word_from_the_head() -> None:
     rig = emulated(1, {}, answers="none", start_pan_deg=35.0, start_tilt_deg=-55.0, backlash_deg=0.1)
-    result = run_blind_calibration(_bench(rig), study_place(anchored=False), lambda _, __: None)
+    bench = _bench(rig)
+    result = run_blind_calibration(bench, study_place(anchored=False), lambda _, __: None)
+    assert [run.steps for run in bench.runs[:4]] == [(1, 0), (-1, 0), (-2, 0), (2, 0)]  # slowest first, either way
     found = result.findings()
     for axis in (found.pan, found.tilt):
         for step, speed in axis.speeds_rad_s.items():

@@ -6,10 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from camrig.clock import ManualClock
 from camrig.errors import CamrigError, LinkLost, PartialError
-from camrig.runtime.head_bench import Interrupted
-from tests.head_stand import PAN_LIMITS_DEG, TILT_LIMITS_DEG, emulated
+from camrig.runtime import head_calibration
+from camrig.runtime.head_bench import DoesNotGo, HeadBench, Interrupted
+from camrig.runtime.head_calibration import rough_speeds, run_calibration
+from camrig.runtime.head_survey import Place, Survey, Tell
+from tests.head_stand import PAN_LIMITS_DEG, TILT_LIMITS_DEG, emulated, study_place
 from tests.head_study import numbers, pointing_errors_deg, study
+from tests.scripted_head import ScriptedEye, ScriptedHead
 
 
 def test_everything_is_found_and_the_driver_points_well_with_it() -> None:
@@ -62,8 +67,42 @@ def test_a_head_that_takes_no_positions_is_steered_by_its_speeds() -> None:
     with pytest.raises(Interrupted):
         study(1, anchored=True, emulated_heads=rig, asked_to_end=lambda: rig.time.now_s() > 145.0)
     driven = [motion for motion in rig.motions() if motion != "stop" and motion[4:8] not in ("004b", "004d")]
+    assert [motion[4:12] for motion in driven[:8:2]] == ["00040100", "00040400", "00040d00", "00042600"]  # pan alone
     assert len(driven) > 20
     rig.time.sleep_s(1.0)  # it coasts
     stopped_deg = rig.truth_deg()
     rig.time.sleep_s(1.0)
     assert rig.truth_deg() == stopped_deg
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_only_a_head_that_goes_nowhere_at_all_is_tried_by_its_speeds(
+    first: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = ManualClock()
+    head = ScriptedHead(clock)
+
+    def jams(bench: HeadBench, place: Place, tell: Tell) -> Survey:
+        bench.begin()
+        head.stuck = first
+        bench.go(0.1, -0.5)
+        head.stuck = True
+        bench.go(0.3, -0.5)
+        raise AssertionError("it is stuck")
+
+    monkeypatch.setattr(head_calibration, "survey", jams)
+    bench = HeadBench("pt1", head, ScriptedEye(clock), clock, ())
+    with pytest.raises(DoesNotGo, match="pan does not move when it is sent from"):
+        run_calibration(bench, study_place(anchored=False), lambda _, __: None, lambda _: head)
+    assert [step for step in head.turned if step != (0, 0)][:3] == ([(1, 0), (-1, 0), (4, 0)] if first else [])
+
+
+def test_a_head_is_tried_by_its_speeds_within_its_limits_alone() -> None:
+    clock = ManualClock()
+    head = ScriptedHead(clock)
+    bench = HeadBench("pt1", head, ScriptedEye(clock), clock, ())
+    bench.begin()
+    found = rough_speeds(bench, [(-0.01, 0.01), (-0.6, -0.4)])
+    assert found is not None
+    assert max(abs(pan) for pan, _ in head.been_rad) < 0.03
+    assert all(-0.63 < tilt < -0.37 for _, tilt in head.been_rad)

@@ -379,3 +379,13 @@ class TestOperatorsAim:
         fake_head.faults.silent = True
         job.turn()
         assert job.statistics() == {"polls": 2, "answers": 1}
+
+
+def test_a_head_that_was_lent_is_stopped_when_it_is_taken_back(job: HeadJob, fake_head: FakeHead) -> None:
+    job.lend()
+    job.close()
+    job.open()
+    assert moves(fake_head) == [None]
+    job.close()
+    job.open()
+    assert moves(fake_head) == [None]

@@ -350,3 +350,15 @@ def test_the_sink_of_events_needs_no_output() -> None:
     sink.open(rig())
     sink.close()
     assert sink.latest == ()
+
+
+def test_a_lent_head_is_neither_aimed_nor_resumed() -> None:
+    desk = Desk()
+    operator = desk.operator()
+    desk.lent = frozenset({"pt1", "north"})
+    for order in ({"command": "aim", "head": "pt1", "pan_deg": 1.0}, {"command": "resume", "heads": ["pt1"]}):
+        answer = operator.handle(order, ME)
+        assert answer["exit_code"] == 3
+        assert "head pt1 is lent to another program" in str(answer["error"])
+    assert desk.done == []
+    assert operator.handle({"command": "resume"}, ME)["heads"] == ["pt2"]
