@@ -14,7 +14,7 @@ from rich.live import Live
 from camrig.cli.aim_watch import Look, Verdict, judge, look_at
 from camrig.cli.console import people, print_json, results
 from camrig.cli.operating import RigOption, SocketOption, socket_of
-from camrig.cli.signals import asked_to_stop
+from camrig.cli.signals import INTERRUPTED, asked_to_stop
 from camrig.clock import Clock, RealClock
 from camrig.errors import HardwareError
 from camrig.report.terminal_head import head_view
@@ -22,7 +22,6 @@ from camrig.runtime.operator_client import ask
 
 LOOK_S = 0.1
 WATCH_S = 0.25
-_INTERRUPTED = 130
 
 
 def aim(
@@ -57,7 +56,7 @@ def aim(
         print_json(verdict.as_json())
     if verdict.reason is None:
         people.print(f"{head} goes on to its aim; `camrig hold` stops it", highlight=False)
-        raise typer.Exit(_INTERRUPTED)
+        raise typer.Exit(INTERRUPTED)
     if not verdict.arrived:
         raise HardwareError(f"{head} is not there: {verdict.reason}")
     if not as_json:

@@ -21,7 +21,7 @@ from camrig.cli.calibrate_head_answer import as_json, page, print_result
 from camrig.cli.console import people, print_json, progress_bar
 from camrig.cli.lending import lent
 from camrig.cli.refinement import load_refinement
-from camrig.cli.signals import asked_to_stop
+from camrig.cli.signals import INTERRUPTED, asked_to_stop
 from camrig.clock import Clock, RealClock
 from camrig.config.amend import amend_rig, check_amendable
 from camrig.config.head_changes import head_changes, head_places
@@ -34,7 +34,6 @@ from camrig.runtime.head_blind import MOST_RAD, BlindBench, run_blind_calibratio
 from camrig.runtime.head_calibration import camera_eye, plain_head, reads_back, run_calibration
 from camrig.runtime.head_survey import Place, Tell
 
-_INTERRUPTED = 130
 _LIMITS = "LOW HIGH"
 _MOST_DEG = math.degrees(MOST_RAD)
 
@@ -143,7 +142,7 @@ def _calibrated(
         except Interrupted:
             why = "the daemon has taken it back, as `camrig hold` has it do: " if taken_back.is_set() else ""
             people.print(f"{why}{name} is stopped; nothing was written", highlight=False, markup=False)
-            raise typer.Exit(_INTERRUPTED) from None
+            raise typer.Exit(INTERRUPTED) from None
 
 
 def _hand_out(

@@ -12,15 +12,13 @@ from camrig.calibrate.stops import stops_over
 from camrig.cli.agreed import agreed
 from camrig.cli.console import people, progress_bar
 from camrig.cli.refinement import load_refinement
-from camrig.cli.signals import asked_to_stop
+from camrig.cli.signals import INTERRUPTED, asked_to_stop
 from camrig.clock import RealClock
 from camrig.config.rig_file import RigConfig
 from camrig.rig import FixedMount, HeadMount, Rig
 from camrig.runtime.emulated import emulated_world
 from camrig.runtime.head_bench import Interrupted
 from camrig.runtime.rig_survey import RigSurvey
-
-_INTERRUPTED = 130
 
 Stops = Mapping[str, Sequence[tuple[float, float]]]
 
@@ -57,7 +55,7 @@ def look_round(config: RigConfig, *, yes: bool, hidden: bool) -> tuple[list[Shot
             return RigSurvey(running, RealClock(), stops, asked.is_set, tell).shots()
         except Interrupted:
             people.print("heads are stopped; nothing was written", highlight=False)
-            raise typer.Exit(_INTERRUPTED) from None
+            raise typer.Exit(INTERRUPTED) from None
 
 
 def _motions(rig: Rig, stops: Stops) -> Iterator[str]:

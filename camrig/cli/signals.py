@@ -8,6 +8,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+INTERRUPTED = 130
+"""The exit code of what was told to stop before its end."""
+
 _ASKING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
