@@ -15,10 +15,9 @@ from camrig.calibrate.head_model import PAN, TILT
 from camrig.calibrate.head_timing import AxisTiming
 from camrig.geometry.arrays import Array
 from camrig.geometry.pose import invert
-from camrig.messages import AxisFindings, HeadFindings, HeadGrade
+from camrig.messages import AxisFindings, HeadFindings, HeadGrade, Verdict, worst
 
 AXES = ("pan", "tilt")
-Verdict = Literal["green", "amber", "red"]
 _AMBER_RAD, _RED_RAD = math.radians(0.1), math.radians(0.3)
 """Pointing errors: 0.1 deg is 1.7 mm a metre."""
 _NOISY_PX = 0.5
@@ -138,38 +137,45 @@ class HeadResult:
 
     def reasons(self) -> tuple[tuple[Verdict, str], ...]:
         """Return what speaks against it, worst first; nothing where it is good."""
-        order = {"red": 0, "amber": 1}
-        return tuple(sorted(self._reasons(), key=lambda reason: order[reason[0]]))
+        return tuple(sorted(self._reasons(), key=lambda reason: list(Verdict).index(reason[0]), reverse=True))
 
     @property
     def verdict(self) -> Verdict:
         """Green, amber or red: the worst reason's."""
-        reasons = self.reasons()
-        return reasons[0][0] if reasons else "green"
+        return worst(verdict for verdict, _ in self._reasons())
 
     def _reasons(self) -> Iterator[tuple[Verdict, str]]:
         if self.grade == "open loop":
-            yield "amber", "it tells nothing of its angles: only its time model is found; keep anchors in view"
+            yield Verdict.AMBER, "it tells nothing of its angles: only its time model is found; keep anchors in view"
             yield from _odd_speeds(self.timings)
             return
         error_rad = self.pointing_rad
         about = f"it points within {math.degrees(error_rad):.2f} deg (one sigma)"
         if not error_rad <= _RED_RAD:
-            yield "red", f"{about}: loose mounting, a slipping gear, or tags that moved; look at the residuals"
+            yield Verdict.RED, f"{about}: loose mounting, a slipping gear, or tags that moved; look at the residuals"
         elif error_rad > _AMBER_RAD:
-            yield "amber", f"{about}: keep anchors in its camera's view"
+            yield Verdict.AMBER, f"{about}: keep anchors in its camera's view"
         fit = self.calibration.fit
         if fit.noise_px > _NOISY_PX:
-            yield "amber", f"corners miss by {fit.noise_px:.1f} px: the lens's calibration, or tags that are not flat"
+            yield (
+                Verdict.AMBER,
+                f"corners miss by {fit.noise_px:.1f} px: its lens's calibration, or tags that are not flat",
+            )
         for name in self.calibration.loose:
-            yield "amber", f"tag {name} did not keep its place and was left out"
+            yield Verdict.AMBER, f"tag {name} did not keep its place and was left out"
         if self.calibration.unshown:
-            yield "amber", f"the motion did not show {', '.join(self.calibration.unshown)}: the file's values stay"
+            yield (
+                Verdict.AMBER,
+                f"the motion did not show {', '.join(self.calibration.unshown)}: the file's values stay",
+            )
         for name, span in zip(AXES, self.spans_rad(), strict=True):
             if span < _SHORT_RAD:
-                yield "amber", f"{name} was turned over only {math.degrees(span):.0f} deg: more tags, or wider limits"
+                yield (
+                    Verdict.AMBER,
+                    f"{name} was turned over only {math.degrees(span):.0f} deg: more tags, or wider limits",
+                )
         if self.grade != "absolute":
-            yield "amber", "it takes no positions, and is steered by its speeds"
+            yield Verdict.AMBER, "it takes no positions, and is steered by its speeds"
         yield from _odd_speeds(self.timings)
 
     def sigma_of(self, name: str) -> float:
@@ -189,7 +195,7 @@ def _odd_speeds(timings: Sequence[AxisTiming | None]) -> Iterator[tuple[Verdict,
         ]
         sigma = max(timing.speed_sigma_rad_s.values())
         if any(abs(a - b) > max(_UNEVEN * (a + b), 5.0 * sigma) for a, b in both):
-            yield "amber", f"{name} is not as fast one way as the other: weight on it, or a cable that pulls"
+            yield Verdict.AMBER, f"{name} is not as fast one way as the other: weight on it, or a cable that pulls"
         means = [0.5 * (a + b) for a, b in both]
         if any(fast <= slow for slow, fast in pairwise(means)):
-            yield "amber", f"{name}'s speed does not grow with every step; those that do not are left out"
+            yield Verdict.AMBER, f"{name}'s speed does not grow with every step; those that do not are left out"

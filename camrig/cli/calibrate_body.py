@@ -25,7 +25,8 @@ from camrig.config.rig_file import load_rig
 from camrig.errors import InputError, PartialError
 from camrig.geometry.arrays import Array
 from camrig.geometry.pose import difference
-from camrig.report.calibration import CalibrationReport, Drawing, Verdict
+from camrig.messages import Verdict
+from camrig.report.calibration import CalibrationReport, Drawing
 from camrig.report.calibration import Table as PageTable
 from camrig.rig import Body, Rig
 

@@ -19,13 +19,14 @@ from camrig.calibrate.sighted import ROOM, Shot
 from camrig.calibrate.stillness import stillness
 from camrig.cli.asked_files import check_files, collected, write_report
 from camrig.cli.calibration_pictures import Asked, blaming, listed_sizes_m, places_of, read_shots
-from camrig.cli.console import print_json, results
+from camrig.cli.console import COLOURS, print_json, results
 from camrig.cli.extrinsics_changes import today
 from camrig.cli.rig_shots import rig_shots
 from camrig.config.rig_file import load_rig
 from camrig.errors import HardwareError, InputError, PartialError
 from camrig.geometry.arrays import Array, Transform
-from camrig.report.calibration import CalibrationReport, Verdict
+from camrig.messages import Verdict, worst
+from camrig.report.calibration import CalibrationReport
 from camrig.report.calibration import Table as PageTable
 from camrig.rig import FixedMount, HeadMount, Rig
 
@@ -149,8 +150,7 @@ class _Answer:
     @property
     def verdict(self) -> Verdict:
         """Return the worst of all cameras'."""
-        every = [each.verdict for each in self.cameras.values()]
-        return Verdict.RED if Verdict.RED in every else Verdict.AMBER if Verdict.AMBER in every else Verdict.GREEN
+        return worst(each.verdict for each in self.cameras.values())
 
     def reasons(self) -> list[str]:
         """Return all reasons, by camera."""
@@ -177,9 +177,8 @@ class _Answer:
         table = Table(
             Column(COLUMNS[0], no_wrap=True), *COLUMNS[1:], title=f"How the calibration of {self._rig.name} fits now"
         )
-        colours = {Verdict.GREEN: "green", Verdict.AMBER: "yellow", Verdict.RED: "red"}
         for row, each in zip(self.rows(), self.cameras.values(), strict=True):
-            table.add_row(*row, style=colours[each.verdict])
+            table.add_row(*row, style=COLOURS[each.verdict])
         results.print(table)
         for reason in self.reasons():
             results.print(reason, highlight=False, markup=False, soft_wrap=True)
@@ -211,13 +210,13 @@ NOTE = "Misses are medians of corners; 'off by' is where anchors have the camera
 def _camera(rig: Rig, name: str, fit: FitNow, setup: Setup, now: date) -> CameraFit:
     offs = [off for (camera, _), off in fit.by_anchors.items() if camera == name]
     shared_px, shared_mm = fit.agreement.of_camera(name)
-    worst = max(offs, key=lambda off: off.off_mm / AMBER_MM + off.off_deg / AMBER_DEG, default=None)
+    farthest = max(offs, key=lambda off: off.off_mm / AMBER_MM + off.off_deg / AMBER_DEG, default=None)
     when = rig.cameras[name].calibrated
     bias_deg = math.degrees(setup.heads[name].angle_sigma_rad) if name in setup.heads else 0.0
     allowed = _Allowed(bias_deg, SURE * math.radians(bias_deg) * float(np.mean(setup.lenses[name].focal_px)))
     age_days = None if when is None else (now - when).days
-    reasons = list(_reasons(worst, shared_px, fit.seen[name], allowed, age_days))
-    verdict = max((verdict for verdict, _ in reasons), key=list(Verdict).index, default=Verdict.GREEN)
+    reasons = list(_reasons(farthest, shared_px, fit.seen[name], allowed, age_days))
+    verdict = worst(verdict for verdict, _ in reasons)
     miss_px, miss_mm = (np.concatenate([getattr(off, part) for off in offs] or [[]]) for part in ("miss_px", "miss_mm"))
     return CameraFit(
         verdict=verdict,
@@ -225,10 +224,10 @@ def _camera(rig: Rig, name: str, fit: FitNow, setup: Setup, now: date) -> Camera
         anchors=len({anchor for off in offs for anchor in off.anchors}),
         anchor_px=_median(miss_px),
         anchor_mm=_median(miss_mm),
-        off_mm=None if worst is None else round(worst.off_mm, 2),
-        off_deg=None if worst is None else round(worst.off_deg, 4),
-        sigma_mm=None if worst is None else round(worst.sigma_mm, 2),
-        sigma_deg=None if worst is None else round(worst.sigma_deg, 4),
+        off_mm=None if farthest is None else round(farthest.off_mm, 2),
+        off_deg=None if farthest is None else round(farthest.off_deg, 4),
+        sigma_mm=None if farthest is None else round(farthest.sigma_mm, 2),
+        sigma_deg=None if farthest is None else round(farthest.sigma_deg, 4),
         shared=len(shared_px),
         shared_px=_median(shared_px),
         shared_mm=_median(shared_mm),
@@ -246,17 +245,17 @@ class _Allowed:
 
 
 def _reasons(
-    worst: Off | None, shared_px: Array, seen: int, allowed: _Allowed, age_days: int | None
+    farthest: Off | None, shared_px: Array, seen: int, allowed: _Allowed, age_days: int | None
 ) -> Iterator[tuple[Verdict, str]]:
     """Yield what speaks against a camera's calibration, and what it is worth."""
-    if worst is not None:
-        yield from _against(worst, allowed)
+    if farthest is not None:
+        yield from _against(farthest, allowed)
     if len(shared_px):
         miss_px = float(np.median(shared_px))
         if miss_px > AMBER_PX + allowed.px:
             verdict = Verdict.RED if miss_px > RED_PX + allowed.px else Verdict.AMBER
             yield verdict, f"does not agree with other cameras: corners that several see miss by {miss_px:.1f} px"
-    if worst is None and not len(shared_px):
+    if farthest is None and not len(shared_px):
         what = "no anchor, and no tag that another camera sees" if seen else "no tag of the file"
         yield Verdict.AMBER, f"sees {what}: nothing tells how it fits"
     if age_days is not None and age_days > OLD_DAYS:

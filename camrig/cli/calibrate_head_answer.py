@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from camrig.calibrate.head_result import AXES, HeadResult
-from camrig.cli.console import people, results
+from camrig.cli.console import COLOURS, people, results
 from camrig.config.document import KeyPath
 from camrig.config.head_changes import pose_keys
 from camrig.geometry.pan_tilt import R_MOUNT_OPTICAL
@@ -104,7 +104,7 @@ def print_result(head: str, result: HeadResult, changes: Mapping[KeyPath, object
     results.print(table)
     for name, text in facts(result):
         results.print(f"{name}: {text}", highlight=False, markup=False, soft_wrap=True)
-    colour = {"green": "green", "amber": "yellow", "red": "red"}[result.verdict]
+    colour = COLOURS[result.verdict]
     results.print(f"{result.verdict}", style=colour)
     for _, reason in result.reasons():
         results.print(f"  {reason}", highlight=False, markup=False, soft_wrap=True)

@@ -19,6 +19,10 @@ results = Console()
 """Human-readable results, where no ``--json`` was asked for."""
 
 
+COLOURS: Mapping[str, str] = {"green": "green", "amber": "yellow", "red": "red"}
+"""In which a verdict (messages.Verdict) is printed."""
+
+
 def print_json(answer: Mapping[str, object]) -> None:
     """Write one JSON object on a line of standard output; NaN and infinity become null."""
     sys.stdout.write(json.dumps(finite(answer), ensure_ascii=False, allow_nan=False) + "\n")

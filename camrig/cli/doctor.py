@@ -11,7 +11,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from camrig.cli.console import people, print_json, results
+from camrig.cli.console import COLOURS, people, print_json, results
 from camrig.errors import HardwareError
 from camrig.host.checks import (
     check_clock,
@@ -24,11 +24,10 @@ from camrig.host.checks import (
     tried,
 )
 from camrig.host.detection import check_detection
-from camrig.host.findings import Finding, Health, worst
+from camrig.host.findings import Finding, worst
 from camrig.host.kernel_clock import ask_kernel_clock
 from camrig.host.plugged_in import plugged_in
-
-_COLOURS = {Health.GREEN: "green", Health.AMBER: "yellow", Health.RED: "red"}
+from camrig.messages import Verdict
 
 
 def doctor(
@@ -45,8 +44,8 @@ def doctor(
         print_json({"health": health.value, "findings": [_told(finding) for finding in findings]})
     else:
         results.print(_table(findings))
-    if health is Health.RED:
-        red = sum(finding.health is Health.RED for finding in findings)
+    if health is Verdict.RED:
+        red = sum(finding.health is Verdict.RED for finding in findings)
         raise HardwareError(
             f"this computer is not fit yet: {red} of {len(findings)} findings are red; cure those first"
         )
@@ -69,6 +68,6 @@ def _told(finding: Finding) -> dict[str, object]:
 def _table(findings: list[Finding]) -> Table:
     table = Table("", "what", "finding", "cure")
     for finding in findings:
-        mark = f"[{_COLOURS[finding.health]}]{finding.health.value}[/]"
+        mark = f"[{COLOURS[finding.health]}]{finding.health.value}[/]"
         table.add_row(mark, finding.about, escape(finding.says), escape(finding.cure))
     return table

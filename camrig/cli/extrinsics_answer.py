@@ -14,13 +14,14 @@ from camrig.calibrate.extrinsics import Extrinsics, Uncertain
 from camrig.calibrate.judge import missing_links
 from camrig.calibrate.scale import Scaled
 from camrig.calibrate.setup import Setup
-from camrig.cli.console import people, results
+from camrig.cli.console import COLOURS, people, results
 from camrig.cli.extrinsics_warnings import warnings_of
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pan_tilt import R_MOUNT_OPTICAL, look_of
 from camrig.geometry.pose import difference, transform
 from camrig.geometry.rotation import rpy_of
-from camrig.report.calibration import CalibrationReport, Verdict
+from camrig.messages import Verdict
+from camrig.report.calibration import CalibrationReport
 from camrig.rig import FixedMount, HeadMount, Rig
 
 USELESS_PX = 3.0
@@ -28,6 +29,9 @@ USELESS_PX = 3.0
 
 STRAIGHT_RAD = 0.02
 """Within this of straight down people are told a camera's turn as pan."""
+
+
+COLUMNS = ("camera", "position m", "± mm", "pan, tilt, roll deg", "± deg", "file off by")
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +120,19 @@ class Answer:
             f"corners miss by {self.found.median_px:.2f} px; every camera is known to {worst:.1f} mm"
         ]
 
+    def rows(self) -> Iterator[tuple[str, ...]]:
+        """Yield the table's cells: what was found of each camera, or its head's base."""
+        for name in self.found.placed_cameras:
+            each = self.placed(name)
+            yield (
+                f"{name}, its head's base" if name in self.found.bases else name,
+                ", ".join(f"{value:.4f}" for value in each.position_m),
+                ", ".join(f"{value:.2f}" for value in each.sigma_mm),
+                f"{each.pan_deg:.2f}, {each.tilt_deg:.2f}, {each.roll_deg:.2f}",
+                f"{each.sigma_deg:.3f}",
+                "" if each.off_file_mm is None else f"{each.off_file_mm:.1f} mm, {each.off_file_deg:.2f} deg",
+            )
+
     def placed(self, name: str) -> Placed:
         """Describe a camera, or its head's base."""
         pose, before = self.found.placed_cameras[name], self._of_file(name)
@@ -138,30 +155,14 @@ class Answer:
         """Print the table, and what was noticed."""
         first = next(iter(self.found.placed_cameras))
         world = "Cameras in the world" if self.in_world else f"Cameras as {first} sees them: nothing says where that is"
-        table = Table(
-            Column("camera", no_wrap=True),
-            "position m",
-            "± mm",
-            "pan, tilt, roll deg",
-            "± deg",
-            "file off by",
-            title=world,
-        )
-        for name in self.found.placed_cameras:
-            each = self.placed(name)
-            table.add_row(
-                f"{name}, its head's base" if name in self.found.bases else name,
-                ", ".join(f"{value:.4f}" for value in each.position_m),
-                ", ".join(f"{value:.2f}" for value in each.sigma_mm),
-                f"{each.pan_deg:.2f}, {each.tilt_deg:.2f}, {each.roll_deg:.2f}",
-                f"{each.sigma_deg:.3f}",
-                "" if each.off_file_mm is None else f"{each.off_file_mm:.1f} mm, {each.off_file_deg:.2f} deg",
-            )
+        table = Table(Column(COLUMNS[0], no_wrap=True), *COLUMNS[1:], title=world)
+        for row in self.rows():
+            table.add_row(*row)
         results.print(table)
         for line in self.facts():
             results.print(line, highlight=False, markup=False)
         verdict, _ = self.verdict()
-        results.print(f"verdict: {verdict}", highlight=False, style={"amber": "yellow"}.get(verdict, str(verdict)))
+        results.print(f"verdict: {verdict}", highlight=False, style=COLOURS[verdict])
         for warning in self.warnings:
             people.print(f"warning: {warning}", style="yellow", markup=False, soft_wrap=True)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camrig.cli.extrinsics_answer import Answer
+from camrig.cli.extrinsics_answer import COLUMNS, Answer
 from camrig.geometry.pan_tilt import R_MOUNT_OPTICAL
 from camrig.geometry.pose import transform
 from camrig.report.calibration import CalibrationReport, Drawing, Table
@@ -58,22 +58,7 @@ def _rig(answer: Answer) -> RigPicture:
 
 
 def _cameras(answer: Answer) -> Table:
-    rows = []
-    for name in answer.found.placed_cameras:
-        each = answer.placed(name)
-        off = "" if each.off_file_mm is None else f"{each.off_file_mm:.1f} mm, {each.off_file_deg:.2f} deg"
-        rows.append(
-            (
-                f"{name}, its head's base" if name in answer.found.bases else name,
-                ", ".join(f"{value:.4f}" for value in each.position_m),
-                ", ".join(f"{value:.2f}" for value in each.sigma_mm),
-                f"{each.pan_deg:.2f}, {each.tilt_deg:.2f}, {each.roll_deg:.2f}",
-                f"{each.sigma_deg:.3f}",
-                off,
-            )
-        )
-    columns = ("camera", "position m", "± mm", "pan, tilt, roll deg", "± deg", "file off by")
-    return Table("Cameras", columns, rows, "± is one sigma, of what the corners' noise leaves open.")
+    return Table("Cameras", COLUMNS, list(answer.rows()), "± is one sigma, of what the corners' noise leaves open.")
 
 
 def _marks(answer: Answer) -> Table:

@@ -14,7 +14,7 @@ from camrig.calibrate.boards import board_word
 from camrig.calibrate.intrinsics import Intrinsics
 from camrig.calibrate.lens_evidence import difference_px
 from camrig.cli.board_shots import BoardShots
-from camrig.cli.console import people, results
+from camrig.cli.console import COLOURS, people, results
 from camrig.geometry.lens import FisheyeLens, Lens
 from camrig.report.intrinsics_report import facts_of, verdict_of
 
@@ -76,7 +76,7 @@ def print_lens(found: Intrinsics, seen: BoardShots, last: Lens | None, entry: Ma
         listed = ", ".join(seen.without[:_SHOWN]) + (" ..." if len(seen.without) > _SHOWN else "")
         people.print(f"without the board: {len(seen.without)} ({listed})", markup=False, soft_wrap=True)
     verdict = verdict_of(found)
-    colour = {"green": "green", "amber": "yellow", "red": "red"}[verdict]
+    colour = COLOURS[verdict]
     people.print(f"[{colour}]{verdict}[/{colour}]")
     for concern in found.concerns:
         people.print(f"warning: {concern.text}", style="yellow", markup=False, soft_wrap=True)

@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from camrig.host.findings import Finding, Health
+from camrig.host.findings import Finding
 from camrig.host.kernel_clock import KernelClock
 from camrig.host.plugged_in import Device, PluggedIn
+from camrig.messages import Verdict
 
 GROUPS = {"video": "cameras", "dialout": "serial ports"}
 """Who may open what on Debian and its kin."""
@@ -33,17 +34,17 @@ def _check_kind(kind: str, devices: Sequence[Device], cure: str) -> Iterator[Fin
     for device in devices:
         if device.found.trouble:
             what, _, todo = device.found.trouble.partition("; ")
-            yield Finding(kind, Health.RED, f"{device.found.name}: {what}", todo)
+            yield Finding(kind, Verdict.RED, f"{device.found.name}: {what}", todo)
     if fit:
-        yield Finding(kind, Health.GREEN, f"{len(fit)} to use: {', '.join(fit)}")
+        yield Finding(kind, Verdict.GREEN, f"{len(fit)} to use: {', '.join(fit)}")
     elif not devices:
-        yield Finding(kind, Health.AMBER, "none is plugged in", cure)
+        yield Finding(kind, Verdict.AMBER, "none is plugged in", cure)
 
 
 def check_groups(user_id: int, group_ids: frozenset[int]) -> Iterator[Finding]:
     """Tell whether this user may open devices by the groups it is in."""
     if user_id == _ROOT:
-        yield Finding("groups", Health.GREEN, "root may open every device; the service needs no root")
+        yield Finding("groups", Verdict.GREEN, "root may open every device; the service needs no root")
         return
     try:
         user = pwd.getpwuid(user_id).pw_name
@@ -55,10 +56,10 @@ def check_groups(user_id: int, group_ids: frozenset[int]) -> Iterator[Finding]:
         except KeyError:
             continue  # another system's habit: what cannot be opened is found by opening it
         if group.gr_gid in group_ids:
-            yield Finding("groups", Health.GREEN, f"{user} is in {name}: it may open {devices}")
+            yield Finding("groups", Verdict.GREEN, f"{user} is in {name}: it may open {devices}")
         else:
             cure = f"sudo usermod -aG {name} {user}, then log in again"
-            yield Finding("groups", Health.AMBER, f"{user} is not in {name}: {devices} may refuse it", cure)
+            yield Finding("groups", Verdict.AMBER, f"{user} is not in {name}: {devices} may refuse it", cure)
 
 
 def tried(about: str, check: Callable[[], Finding]) -> Finding:
@@ -67,15 +68,15 @@ def tried(about: str, check: Callable[[], Finding]) -> Finding:
         return check()
     except OSError as error:
         cure = "run doctor in another folder, and outside of a container"
-        return Finding(about, Health.AMBER, f"unknown: the kernel says {error.strerror or error}", cure)
+        return Finding(about, Verdict.AMBER, f"unknown: the kernel says {error.strerror or error}", cure)
 
 
 def check_clock(clock: KernelClock) -> Finding:
     """Judge how well UTC is known; stamps inside a rig are monotonic and do not suffer."""
     if clock.synchronised:
-        return Finding("clock", Health.GREEN, f"synchronised; off by {1e3 * clock.max_error_s:.0f} ms at most")
+        return Finding("clock", Verdict.GREEN, f"synchronised; off by {1e3 * clock.max_error_s:.0f} ms at most")
     cure = "start systemd-timesyncd or chrony; several hosts in one rig need it, one host alone only for its records"
-    return Finding("clock", Health.AMBER, "not synchronised: UTC in outputs may be wrong by anything", cure)
+    return Finding("clock", Verdict.AMBER, "not synchronised: UTC in outputs may be wrong by anything", cure)
 
 
 def check_disk(folder: Path) -> Finding:
@@ -83,8 +84,8 @@ def check_disk(folder: Path) -> Finding:
     free_gb = shutil.disk_usage(folder).free / 1e9
     says = f"{free_gb:.1f} GB free at {folder.resolve()}"
     if free_gb >= _LOW_DISK_GB:
-        return Finding("disk", Health.GREEN, says)
-    health = Health.AMBER if free_gb >= _NO_DISK_GB else Health.RED
+        return Finding("disk", Verdict.GREEN, says)
+    health = Verdict.AMBER if free_gb >= _NO_DISK_GB else Verdict.RED
     return Finding("disk", health, says, "make room: recordings and logs stop where it ends")
 
 
@@ -95,9 +96,9 @@ def check_kernels() -> Finding:
         folders.append(Path(os.environ.get("NUMBA_CACHE_DIR") or Path.home() / ".cache/numba"))
     kept = sum(1 for folder in folders for _ in folder.rglob("*.nbi"))
     if kept:
-        return Finding("kernels", Health.GREEN, f"{kept} compiled kernels of the planner are kept")
+        return Finding("kernels", Verdict.GREEN, f"{kept} compiled kernels of the planner are kept")
     cure = "run `camrig demo --headless --seconds 5` once as the user that will run the rig"
-    return Finding("kernels", Health.AMBER, "not compiled yet: the first plan takes a minute longer", cure)
+    return Finding("kernels", Verdict.AMBER, "not compiled yet: the first plan takes a minute longer", cure)
 
 
 def check_latency(sys: Path = Path("/sys")) -> Iterator[Finding]:
@@ -108,9 +109,9 @@ def check_latency(sys: Path = Path("/sys")) -> Iterator[Finding]:
             port = f"/dev/{timer.parent.name}"
             if latency_ms > _SLOW_LATENCY_MS:
                 cure = f"echo {_SLOW_LATENCY_MS} | sudo tee {timer}, or a udev rule that does so"
-                yield Finding("latency", Health.AMBER, f"{port} holds answers back for {latency_ms} ms", cure)
+                yield Finding("latency", Verdict.AMBER, f"{port} holds answers back for {latency_ms} ms", cure)
             else:
-                yield Finding("latency", Health.GREEN, f"{port} holds answers back for {latency_ms} ms at most")
+                yield Finding("latency", Verdict.GREEN, f"{port} holds answers back for {latency_ms} ms at most")
 
 
 def this_user() -> tuple[int, frozenset[int]]:

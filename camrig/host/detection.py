@@ -9,7 +9,8 @@ import numpy as np
 
 from camrig import plugins
 from camrig.geometry.arrays import GreyImage
-from camrig.host.findings import Finding, Health
+from camrig.host.findings import Finding
+from camrig.messages import Verdict
 
 SIZE_PX = (1280, 720)
 DETECTOR = "pyapriltags"
@@ -50,8 +51,8 @@ def check_detection(cores: int) -> Finding:
     width, height = SIZE_PX
     says = f"{fps:.0f} pictures of {width}x{height} a second a core, {cores} cores: {DETECTOR} on a busy picture"
     if fps >= _GOOD_FPS:
-        return Finding("detection", Health.GREEN, says)
-    health = Health.AMBER if fps >= _LEAST_FPS else Health.RED
+        return Finding("detection", Verdict.GREEN, says)
+    health = Verdict.AMBER if fps >= _LEAST_FPS else Verdict.RED
     return Finding(
         "detection", health, says, "set `decimate: 2.0` in `detector:`, or use smaller pictures or a faster CPU"
     )

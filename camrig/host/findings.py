@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from enum import StrEnum
 
-
-class Health(StrEnum):
-    """Fit, fit with a loss, not fit."""
-
-    GREEN = "green"
-    AMBER = "amber"
-    RED = "red"
+from camrig import messages
+from camrig.messages import Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,12 +14,11 @@ class Finding:
     """One check's answer; ``cure`` is empty where there is nothing to cure."""
 
     about: str
-    health: Health
+    health: Verdict
     says: str
     cure: str = ""
 
 
-def worst(findings: Iterable[Finding]) -> Health:
+def worst(findings: Iterable[Finding]) -> Verdict:
     """Return how the computer is as a whole."""
-    order = list(Health)
-    return max((finding.health for finding in findings), key=order.index, default=Health.GREEN)
+    return messages.worst(finding.health for finding in findings)

@@ -55,6 +55,10 @@ from camrig.messages.planned import (
     ScanRequest,
     TargetQuality,
 )
+from camrig.messages.verdict import (
+    Verdict,
+    worst,
+)
 
 __all__ = [
     "Aim",
@@ -98,5 +102,7 @@ __all__ = [
     "Target",
     "TargetQuality",
     "TargetStatus",
+    "Verdict",
     "Window",
+    "worst",
 ]

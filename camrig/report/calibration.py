@@ -10,22 +10,12 @@ import io
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from html import escape
 from typing import Any
 
+from camrig.messages import Verdict
+
 WITHOUT_FIGURES = "No figures without matplotlib: pip install 'camrig[pictures]', and calibrate again."
-
-
-class Verdict(StrEnum):
-    """What a calibration is good for."""
-
-    GREEN = "green"
-    """Use it."""
-    AMBER = "amber"
-    """It can be used; the reasons say what it costs."""
-    RED = "red"
-    """Do not use it."""
 
 
 @dataclass(frozen=True, slots=True)

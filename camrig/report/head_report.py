@@ -10,7 +10,7 @@ import numpy as np
 
 from camrig.calibrate.head_result import AXES, HeadResult
 from camrig.geometry.arrays import Array
-from camrig.report.calibration import CalibrationReport, Drawing, Table, Verdict
+from camrig.report.calibration import CalibrationReport, Drawing, Table
 
 _RISING, _FALLING = "#1f6fb4", "#d98a00"
 
@@ -47,7 +47,7 @@ def head_report(
         sections.append(Drawing("Turns", lambda figure: _turns(figure, result), (8.0, 3.6), _TURNS))
     sections.append(Table("Tags", ("tag", "rms px"), [(name, f"{rms:.3f}") for name, rms in tags.items()]))
     sections.append(Table("What the file gets", ("key", "value"), list(changes.items())))
-    return CalibrationReport(f"Head {head}", Verdict(result.verdict), reasons, facts, sections, made)
+    return CalibrationReport(f"Head {head}", result.verdict, reasons, facts, sections, made)
 
 
 _PLAY = (

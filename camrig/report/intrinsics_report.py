@@ -11,7 +11,8 @@ from camrig.calibrate.intrinsics import DISTANCE_M, Intrinsics
 from camrig.calibrate.lens_evidence import picture_grid
 from camrig.calibrate.shots import Shot
 from camrig.geometry.arrays import Array
-from camrig.report.calibration import CalibrationReport, Drawing, Table, Verdict
+from camrig.messages import Verdict
+from camrig.report.calibration import CalibrationReport, Drawing, Table
 
 _ARROWS = 60.0
 """Residuals are drawn longer by this."""

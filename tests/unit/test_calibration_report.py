@@ -11,12 +11,12 @@ import pytest
 
 from camrig.cli.asked_files import write_report
 from camrig.errors import InputError
+from camrig.messages import Verdict
 from camrig.report.calibration import (
     WITHOUT_FIGURES,
     CalibrationReport,
     Drawing,
     Table,
-    Verdict,
     report_html,
 )
 

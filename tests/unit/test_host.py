@@ -14,11 +14,12 @@ from camrig.config.rig_file import load_rig
 from camrig.host import checks
 from camrig.host.checks import check_clock, check_devices, check_disk, check_groups, check_kernels, check_latency, tried
 from camrig.host.detection import check_detection
-from camrig.host.findings import Finding, Health, worst
+from camrig.host.findings import Finding, worst
 from camrig.host.first_rig import first_rig
 from camrig.host.kernel_clock import KernelClock, ask_kernel_clock
 from camrig.host.plugged_in import Device, PluggedIn
 from camrig.interfaces import Found
+from camrig.messages import Verdict
 
 NOBODY = 65534
 
@@ -72,27 +73,27 @@ def test_devices_in_trouble_are_red_with_their_cure() -> None:
     busy = camera(1, "it is in use by cheese (pid 7); stop that first")
     findings = list(check_devices(PluggedIn((camera(0), busy), ())))
     assert findings == [
-        Finding("cameras", Health.RED, f"{busy.found.name}: it is in use by cheese (pid 7)", cure="stop that first"),
-        Finding("cameras", Health.GREEN, "1 to use: Camera 0"),
+        Finding("cameras", Verdict.RED, f"{busy.found.name}: it is in use by cheese (pid 7)", cure="stop that first"),
+        Finding("cameras", Verdict.GREEN, "1 to use: Camera 0"),
         Finding(
-            "serial ports", Health.AMBER, "none is plugged in", "plug the heads' adapter in; bolted cameras need none"
+            "serial ports", Verdict.AMBER, "none is plugged in", "plug the heads' adapter in; bolted cameras need none"
         ),
     ]
 
 
 def test_groups_name_the_command_that_joins_them() -> None:
     video, dialout = (grp.getgrnam(name).gr_gid for name in ("video", "dialout"))
-    assert [finding.health for finding in check_groups(NOBODY, frozenset({video, dialout}))] == [Health.GREEN] * 2
+    assert [finding.health for finding in check_groups(NOBODY, frozenset({video, dialout}))] == [Verdict.GREEN] * 2
     (_, missing) = check_groups(NOBODY, frozenset({video}))
-    assert missing.health is Health.AMBER
+    assert missing.health is Verdict.AMBER
     assert missing.cure == "sudo usermod -aG dialout nobody, then log in again"
-    assert [finding.health for finding in check_groups(0, frozenset())] == [Health.GREEN]
+    assert [finding.health for finding in check_groups(0, frozenset())] == [Verdict.GREEN]
 
 
 def test_a_clock_that_nothing_holds_is_amber() -> None:
     good = check_clock(KernelClock(synchronised=True, max_error_s=0.0123))
-    assert (good.health, good.says) == (Health.GREEN, "synchronised; off by 12 ms at most")
-    assert check_clock(KernelClock(synchronised=False, max_error_s=16.0)).health is Health.AMBER
+    assert (good.health, good.says) == (Verdict.GREEN, "synchronised; off by 12 ms at most")
+    assert check_clock(KernelClock(synchronised=False, max_error_s=16.0)).health is Verdict.AMBER
 
 
 def test_the_kernel_tells_of_its_clock() -> None:
@@ -106,8 +107,8 @@ def test_the_kernel_finds_the_structure_that_it_writes_into() -> None:
     assert ctypes.sizeof(_Timex) == 208
 
 
-@pytest.mark.parametrize(("free_gb", "health"), [(5.1, Health.GREEN), (4.9, Health.AMBER), (0.4, Health.RED)])
-def test_a_full_disk_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, free_gb: float, health: Health) -> None:
+@pytest.mark.parametrize(("free_gb", "health"), [(5.1, Verdict.GREEN), (4.9, Verdict.AMBER), (0.4, Verdict.RED)])
+def test_a_full_disk_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, free_gb: float, health: Verdict) -> None:
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage(0, 0, int(free_gb * 1e9)))
     assert check_disk(tmp_path).health is health
@@ -116,10 +117,10 @@ def test_a_full_disk_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, f
 def test_kernels_are_found_where_they_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(checks, "_PACKAGE", tmp_path / "package")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    assert check_kernels().health is Health.AMBER
+    assert check_kernels().health is Verdict.AMBER
     (tmp_path / "cache/optimise").mkdir(parents=True)
     (tmp_path / "cache/optimise/kernel.nbi").touch()
-    assert check_kernels() == Finding("kernels", Health.GREEN, "1 compiled kernels of the planner are kept")
+    assert check_kernels() == Finding("kernels", Verdict.GREEN, "1 compiled kernels of the planner are kept")
 
 
 def test_adapters_that_hold_answers_back_are_found(tmp_path: Path) -> None:
@@ -128,21 +129,21 @@ def test_adapters_that_hold_answers_back_are_found(tmp_path: Path) -> None:
         folder.mkdir(parents=True)
         (folder / "latency_timer").write_text(latency)
     slow, fast = check_latency(tmp_path)
-    assert (slow.health, slow.says) == (Health.AMBER, "/dev/ttyUSB0 holds answers back for 16 ms")
-    assert fast.health is Health.GREEN
+    assert (slow.health, slow.says) == (Verdict.AMBER, "/dev/ttyUSB0 holds answers back for 16 ms")
+    assert fast.health is Verdict.GREEN
 
 
 def test_detection_is_timed() -> None:
     found = check_detection(cores=2)
     assert "pictures of 1280x720 a second a core, 2 cores: pyapriltags on a busy picture" in found.says
-    assert bool(found.cure) == (found.health is not Health.GREEN)
+    assert bool(found.cure) == (found.health is not Verdict.GREEN)
 
 
 def test_the_worst_finding_is_how_it_is() -> None:
-    green, amber, red = (Finding("x", health, "") for health in Health)
-    assert worst([]) is worst([green]) is Health.GREEN
-    assert worst([green, amber]) is Health.AMBER
-    assert worst([amber, red, green]) is Health.RED
+    green, amber, red = (Finding("x", health, "") for health in Verdict)
+    assert worst([]) is worst([green]) is Verdict.GREEN
+    assert worst([green, amber]) is Verdict.AMBER
+    assert worst([amber, red, green]) is Verdict.RED
 
 
 def test_a_user_without_a_name_or_a_home_is_judged_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,5 +163,5 @@ def test_what_the_kernel_does_not_tell_is_unknown(tmp_path: Path, monkeypatch: p
     monkeypatch.chdir(gone)
     gone.rmdir()
     finding = tried("disk", lambda: check_disk(Path.cwd()))
-    assert (finding.about, finding.health) == ("disk", Health.AMBER)
+    assert (finding.about, finding.health) == ("disk", Verdict.AMBER)
     assert "No such file or directory" in finding.says
