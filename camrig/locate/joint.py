@@ -17,7 +17,7 @@ from camrig.geometry.bundle import Adjusted, Estimate, LensPriors, Views, adjust
 from camrig.geometry.pnp import refine
 from camrig.geometry.pose import PosePriors, transform
 from camrig.locate.fit import angle_between, inflation
-from camrig.locate.joint_problem import Problem, build, camera_priors
+from camrig.locate.joint_problem import Problem, build
 from camrig.locate.learn_lenses import learn
 from camrig.locate.lenses import AS_CALIBRATED, Lenses
 from camrig.locate.views import Together, View
@@ -70,8 +70,7 @@ def joint(
     fixes = _fixes(problem, wanted, found) if wanted else ()
     notes = [_contradiction(problem, b) for b in sorted(spoilt)]
     poses = [_camera_pose(problem, c, found) for c in range(len(fresh)) if problem.placed(c)]
-    carriers, _ = camera_priors(views, carried)
-    lenses, news = learn(lenses, problem, found, carriers, rig)
+    lenses, news = learn(lenses, problem, found, views, rig)
     return Together(tuple(fixes), tuple(poses), (*notes, *news), lenses)
 
 

@@ -6,6 +6,7 @@ enters once (locate.standing): in every frame anew, it would bend lenses to what
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,9 +17,10 @@ from camrig.geometry.bundle_kernel import CAMERA
 from camrig.geometry.lens.errors import error_slopes
 from camrig.geometry.pose import PosePriors, difference
 from camrig.locate.fit import inflation
-from camrig.locate.joint_problem import Problem
+from camrig.locate.joint_problem import Problem, camera_priors
 from camrig.locate.lenses import LEAST_SHARE, Lenses, Refined, as_calibrated
 from camrig.locate.standing import Standing, aged, begun, carried_on, told
+from camrig.locate.views import View
 from camrig.messages import Event, Level
 from camrig.rig import CameraSpec, Rig
 
@@ -36,11 +38,11 @@ TOLD_SIGMAS = 0.5
 
 
 def learn(
-    lenses: Lenses, problem: Problem, found: Adjusted, carriers: PosePriors, rig: Rig
+    lenses: Lenses, problem: Problem, found: Adjusted, views: Sequence[View], rig: Rig
 ) -> tuple[Lenses, tuple[Event, ...]]:
     """Return what is known of the lenses after one more joint estimate, and what an operator should know of it.
 
-    ``carriers`` is what carries the problem's cameras says of their poses, whatever was believed of them there.
+    ``views`` are the problem's: what carries their cameras counts, whatever was believed of their poses there.
     Nothing is learnt where no camera asks for it, or where no tag has moved since it last counted.
     """
     wanted = [camera for camera in rig.cameras.values() if camera.refine_lens]
@@ -52,6 +54,7 @@ def learn(
         return lenses, ()
     counted = {**lenses.counted, **{key: at_px for (key, at_px), new in zip(places, moved, strict=True) if new}}
     stamp_s = max(lenses.stamp_s, *problem.camera_stamps_s)
+    carriers, _ = camera_priors(views, [view.carried for view in views])
     standing = aged(lenses.standing or begun(rig, stamp_s), rig, stamp_s)
     standing = carried_on(standing, rig, problem.camera_ids, carriers)
     weight = np.where(moved, 1.0, REPEATED)
