@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 import time
-from pathlib import Path
 
 from camrig import optimise
 from camrig.experiments.scenes import random_hall
-
-
-def peak_mib() -> float:
-    """Return this program's own peak; what getrusage says was handed down by whoever started it."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    return int(re.search(r"VmHWM:\s+(\d+) kB", status)[1]) / 1024.0  # type: ignore[index]
+from tests.benchmarks.memory import peak_mib
 
 
 def main() -> None:

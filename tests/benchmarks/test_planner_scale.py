@@ -42,7 +42,8 @@ def test_a_hall(benchmark: BenchmarkFixture, size: tuple[int, int]) -> None:
 
 def memory(size: tuple[int, int]) -> dict[str, float]:
     """The peak memory of a process of its own that plans such a hall, and what it was before that."""
-    command = [sys.executable, str(Path(__file__).with_name("hall.py")), *map(str, size)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=900.0, check=True)
+    command = [sys.executable, "-m", "tests.benchmarks.hall", *map(str, size)]
+    root = Path(__file__).parents[2]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900.0, check=True, cwd=root)
     found: dict[str, float] = json.loads(done.stdout)
     return found
