@@ -5,11 +5,9 @@ from __future__ import annotations
 import logging
 import signal
 import socket
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, Protocol
 
 import typer
@@ -17,6 +15,7 @@ from rich.logging import RichHandler
 from rich.table import Table
 
 from camrig.cli.console import people, print_json
+from camrig.cli.signals import on_signals
 from camrig.config.rig_file import load_rig
 from camrig.outputs.journal import JournalHandler, journal_behind
 from camrig.report.spread import SpreadSink
@@ -69,26 +68,12 @@ class Stoppable(Protocol):
 
 def stopped_by_signals(running: Stoppable) -> AbstractContextManager[None]:
     """Have SIGTERM and SIGINT ask for a stop while inside."""
-    return _handling((signal.SIGTERM, signal.SIGINT), running.request_stop)
+    return on_signals((signal.SIGTERM, signal.SIGINT), running.request_stop)
 
 
 def reloaded_by_signals(run: Run) -> AbstractContextManager[None]:
     """Have SIGHUP ask for a reload while inside."""
-    return _handling((signal.SIGHUP,), run.request_reload)
-
-
-@contextmanager
-def _handling(numbers: Sequence[signal.Signals], request: Callable[[], None]) -> Iterator[None]:
-    def ask(number: int, frame: FrameType | None) -> None:
-        del number, frame
-        request()
-
-    before = {number: signal.signal(number, ask) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    return on_signals((signal.SIGHUP,), run.request_reload)
 
 
 def log_to_stderr(level: int = logging.INFO) -> None:

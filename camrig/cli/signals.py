@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -18,15 +18,22 @@ _ASKING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 def asked_to_stop() -> Iterator[threading.Event]:
     """Yield what SIGINT, SIGTERM and SIGHUP set while inside, instead of interrupting."""
     asked = threading.Event()
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        del number, frame
-        asked.set()
-
     heard = [number for number in _ASKING if signal.getsignal(number) is not signal.SIG_IGN]  # as under nohup
-    before = {number: signal.signal(number, ask) for number in heard}
-    try:
+    with on_signals(heard, asked.set):
         yield asked
+
+
+@contextmanager
+def on_signals(numbers: Iterable[signal.Signals], do: Callable[[], object]) -> Iterator[None]:
+    """Have signals call ``do`` while inside."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        do()
+
+    before = {number: signal.signal(number, handle) for number in numbers}
+    try:
+        yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
