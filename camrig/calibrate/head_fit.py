@@ -16,6 +16,7 @@ import numpy as np
 from camrig.calibrate.head_model import PAN, TILT, HeadModel, HeadViews, missed_px, moved
 from camrig.calibrate.normal import counted
 from camrig.geometry.arrays import Array
+from camrig.geometry.pose import perturb
 
 _STEPS, _ROUNDS = 40, 3
 _DONE_SHARE = 1e-6
@@ -193,13 +194,13 @@ class _Problem:
                 change[part][axis] = by.get(f"{part} {name}", 0.0)
         model = HeadModel(
             moved(at.model.T_world_base, change["base"]),
-            _moved_outside(at.model.T_arm_tilt, change["arm"]),
-            _moved_outside(at.model.T_mount_camera, change["mount"]),
+            perturb(at.model.T_arm_tilt, change["arm"]),
+            perturb(at.model.T_mount_camera, change["mount"]),
             (pan, tilt),
         )
         tags = at.T_world_tag.copy()
         for k, change_of_tag in zip(self.free_tags, common[len(self.free) :].reshape(-1, 6), strict=True):
-            tags[k] = _moved_outside(tags[k], change_of_tag)
+            tags[k] = perturb(tags[k], change_of_tag)
         return _Point(model, tags, at.off_rad + own)
 
 
@@ -280,9 +281,3 @@ def without(fitted: HeadFit, names: Sequence[str]) -> HeadViews:
     chosen = np.array([fitted.views.tags[k] in kept for k in fitted.views.tag], bool)
     views = fitted.views.only(chosen)
     return replace(views, tag=np.array([kept.index(fitted.views.tags[k]) for k in views.tag], int), tags=kept)
-
-
-def _moved_outside(T: Array, by: Array) -> Array:
-    """Return a pose moved by (6,) [d, r] of geometry.pose."""
-    from_right = np.concatenate([T[:3, :3].T @ by[:3], T[:3, :3].T @ by[3:]])
-    return moved(T, from_right)
