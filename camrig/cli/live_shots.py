@@ -21,12 +21,11 @@ from camrig.errors import EndOfInput, HardwareError, InputError
 from camrig.interfaces import Camera
 from camrig.messages import Frame
 from camrig.runtime.build import make_devices
+from camrig.runtime.steady_focus import check_focus
 
 _PATIENCE_S = 5.0
 _BOARD_S = 60.0
 """How long to wait for a board, and for the next picture of it."""
-
-_AUTO_FOCUS = ("focus_automatic_continuous", "focus_auto")
 _REAL_CLOCK = RealClock()
 
 
@@ -41,27 +40,10 @@ def live_shots(
     device: Camera = make_devices(config, "cameras")[camera]
     try:
         device.open()
-        if _focuses_by_itself(config, camera):
-            raise InputError(
-                f"camera '{camera}' focuses by itself, and its lens is another each time: put `lock: [focus]` into its "
-                "source, and calibrate again"
-            )
+        check_focus(config, camera)
         return collect(device, config.rig.cameras[camera].lens.size_px, board, square_m, hidden=hidden)
     finally:
         device.close()
-
-
-def _focuses_by_itself(config: RigConfig, camera: str) -> bool:
-    """Ask the device, which is open and set as the file says."""
-    source = config.devices["cameras"][camera]
-    wanted = source.raw.get("device")
-    if source.driver.discover is None or wanted is None:
-        return False
-    for found in source.driver.discover():
-        names, controls = found.facts.get("names"), found.facts.get("controls")
-        if isinstance(names, list) and wanted in names and isinstance(controls, dict):
-            return any(bool(controls.get(name, {}).get("value")) for name in _AUTO_FOCUS)
-    return False
 
 
 def collect(

@@ -51,7 +51,9 @@ class Eye(Protocol):
     """The head's camera with a detector behind it."""
 
     def take(self) -> Sequence[TagDetections]:
-        """Return what was found in the pictures since the last call, oldest first. Raises HardwareError."""
+        """Return what was found in the pictures since the last call, oldest first. Raises HardwareError, and
+        InputError for a camera that is no good for it.
+        """
         ...
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -25,6 +26,7 @@ from camrig.runtime.enabled_head import enabled
 from camrig.runtime.head_bench import DoesNotGo, Eye, HeadBench
 from camrig.runtime.head_survey import Place, Survey, Tell, survey
 from camrig.runtime.mailbox import Mailbox
+from camrig.runtime.steady_focus import check_focus
 from camrig.runtime.worker import Worker
 
 _KEPT = 256
@@ -39,12 +41,15 @@ _FASTER = 3.0
 
 @dataclass
 class CameraEye:
-    """``Eye``: one camera's worker and what it found."""
+    """``Eye``: one camera's worker and what it found; ``check`` looks at the open camera before its first picture
+    counts.
+    """
 
     worker: Worker
     found: Mailbox[TagDetections]
     links: Mailbox[LinkReport]
-    failed: list[str] = field(default_factory=list)
+    check: Callable[[], None]
+    checked: bool = False
 
     def take(self) -> Sequence[TagDetections]:
         for report in self.links.take_all():
@@ -52,12 +57,18 @@ class CameraEye:
                 raise HardwareError(f"camera {report.device_id} is lost: {report.reason}")
         if self.worker.failed is not None:
             raise HardwareError(f"camera {self.worker.job.name} failed: {self.worker.failed}")
-        return self.found.take_all()
+        found = self.found.take_all()
+        if found and not self.checked:
+            self.check()
+            self.checked = True
+        return found
 
 
 @contextmanager
 def camera_eye(config: RigConfig, camera_id: str, clock: Clock) -> Iterator[Eye]:
-    """Run one camera's worker while inside; it opens and closes the camera."""
+    """Run one camera's worker while inside; it opens and closes the camera. Looking through one that focuses by itself
+    raises InputError.
+    """
     one = replace(config, devices={**config.devices, "cameras": _only(config, "cameras", camera_id)})
     camera = make_devices(one, "cameras")[camera_id]
     found: Mailbox[TagDetections] = Mailbox(_KEPT)
@@ -67,7 +78,7 @@ def camera_eye(config: RigConfig, camera_id: str, clock: Clock) -> Iterator[Eye]
     worker = Worker(job, clock, links, lambda: None)
     worker.start()
     try:
-        yield CameraEye(worker, found, links)
+        yield CameraEye(worker, found, links, partial(check_focus, config, camera_id))
     finally:
         worker.request_stop()
         worker.join(_JOIN_S)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import time
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,12 +16,14 @@ from camrig.calibrate.find_boards import find_board
 from camrig.calibrate.intrinsics import Kind, calibrate_lens
 from camrig.calibrate.live import STILL_S, Collector
 from camrig.calibrate.shots import edge_width_px
-from camrig.cli.live_shots import _focuses_by_itself, _panel, collect, live_shots
+from camrig.cli.live_shots import _panel, collect, live_shots
 from camrig.cli.main import build
-from camrig.config.rig_file import load_rig
+from camrig.clock import RealClock
+from camrig.config.rig_file import RigConfig, load_rig
 from camrig.errors import HardwareError, InputError
 from camrig.geometry.lens import BrownLens
 from camrig.interfaces import Found
+from camrig.runtime.head_calibration import camera_eye
 from camrig_emulators.fakes import FakeCamera
 from tests.drawn_boards import BoardCamera, points_px
 
@@ -106,23 +110,34 @@ def test_a_camera_that_shows_no_board_or_nothing_is_told_in_a_sentence(tmp_path:
         live_shots(load_rig(tmp_path / "rig.yaml"), "north", BOARD, None, hidden=True)
 
 
-@pytest.mark.parametrize(("value", "refused"), [(True, True), (False, False)])
-def test_a_camera_that_focuses_by_itself_is_refused(tmp_path: Path, *, value: bool, refused: bool) -> None:
-    (tmp_path / "rig.yaml").write_text(RIG)
-    config = load_rig(tmp_path / "rig.yaml")
+def focusing(config: RigConfig, *, value: bool) -> RigConfig:
+    """Return the rig with a camera that says whether it focuses by itself."""
     told = Found("/dev/v4l/by-id/eye", "eye", {}, facts={
         "names": ["/dev/v4l/by-id/eye", "/dev/video0"],
         "controls": {"focus_automatic_continuous": {"kind": "switch", "value": value}},
     })  # fmt: skip
     source = config.devices["cameras"]["north"]
     driver = replace(source.driver, discover=lambda: [told])
-    focusing = replace(source, driver=driver, raw={**source.raw, "device": "/dev/video0"})
-    config = replace(config, devices={**config.devices, "cameras": {"north": focusing}})
-    if refused:
-        with pytest.raises(InputError, match=r"focuses by itself.*lock: \[focus\]"):
-            live_shots(config, "north", BOARD, None, hidden=True)
-    else:
-        assert not _focuses_by_itself(config, "north")
+    source = replace(source, driver=driver, raw={**source.raw, "device": "/dev/video0"})
+    return replace(config, devices={**config.devices, "cameras": {"north": source}})
+
+
+def test_a_camera_that_focuses_by_itself_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(RIG)
+    config = focusing(load_rig(tmp_path / "rig.yaml"), value=True)
+    with pytest.raises(InputError, match=r"focuses by itself.*lock: \[focus\]"):
+        live_shots(config, "north", BOARD, None, hidden=True)
+
+
+@pytest.mark.parametrize("value", [True, False])
+def test_no_head_is_calibrated_through_a_camera_that_focuses_by_itself(tmp_path: Path, *, value: bool) -> None:
+    (tmp_path / "rig.yaml").write_text(RIG)
+    config = focusing(load_rig(tmp_path / "rig.yaml"), value=value)
+    with camera_eye(config, "north", RealClock()) as eye:
+        refused = pytest.raises(InputError, match="'north' focuses by itself") if value else nullcontext()
+        with refused:
+            while not eye.take():
+                time.sleep(0.01)
 
 
 def test_a_camera_that_gives_no_picture_is_a_fault_of_hardware(monkeypatch: pytest.MonkeyPatch) -> None:
