@@ -119,6 +119,9 @@ class Run:
             )
         if daemon.airborne:
             raise HardwareError(f"{', '.join(daemon.airborne)} in the air: land before a reload")
+        if daemon.loans.lent:  # the next daemon would open what another program moves
+            lent = ", ".join(sorted(daemon.loans.lent))
+            raise HardwareError(f"{lent} lent to another program: reload when it has given them back")
         return found
 
 

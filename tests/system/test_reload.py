@@ -206,6 +206,19 @@ def test_no_reload_while_a_drone_is_in_the_air(bench: Callable[[str], AbstractCo
         assert first.successor is None
 
 
+def test_no_reload_while_another_program_has_a_head(bench: Callable[[str], AbstractContextManager[Bench]]) -> None:
+    with bench(RIG) as rig:
+        first = rig.daemon
+        first.lend("pt1", 30.0)
+        rig.reload(RIG)
+        until(lambda: rig.notified("north, pt1 lent to another program: reload when it has given them back"))
+        assert first.lend("pt1", 30.0, renew=True) == {"pt1", "north"}, "whoever has it notices nothing"
+        first.lend("pt1", 0.0)
+        rig.reload(RIG)
+        until(lambda: len(rig.daemons) == 2, 20.0)
+        assert rig.daemon.held == {"pt1"}
+
+
 def test_the_watchdog_is_fed_while_workers_end(bench: Callable[[str], AbstractContextManager[Bench]]) -> None:
     with bench(RIG) as rig:
         workers = len(rig.daemon.devices.heads) + len(rig.daemon.devices.cameras)
