@@ -3,10 +3,12 @@
 python -m tests.moving_study --scenes 12 --seed 1
 
 Three heads, each wrong by its own bias, mount and lens, swing at up to a given speed over three robots that drive round
-a stadium, wander as the filter's model of ``floor`` has it, or stand; four anchors lie on the floor. Corners are
-projected by OpenCV with the noise of refined ones, frames come fifteen times a second and camera, 40 to 120 ms late, a
-head's axes in turn every 75 ms. All of ``pipeline.step`` runs; an error is that of a published position at the time it
-is published for, so what is guessed ahead counts too.
+a stadium (with ``stops`` they stand, start and brake, at 2 m/s2), wander just as the filter's model of their motion has
+it, or stand, each a little tilted; four anchors lie on the floor. Corners are projected by OpenCV with the noise of
+refined ones, most of which comes again in every frame of a camera, frames come fifteen times a second and camera, 40 to
+120 ms late, a head's axes in turn every 75 ms. All of ``pipeline.step`` runs; an error is that of a published position
+at the time it is published for, so what is guessed ahead counts too. Where robots wander nothing is but what camrig
+reckons with, and NEES must be its degrees of freedom.
 """
 
 from __future__ import annotations
@@ -14,31 +16,35 @@ from __future__ import annotations
 import argparse
 import heapq
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
 from scipy import stats
 
-from camrig.fuse.settings import FLOOR
+from camrig.fuse.settings import MotionModel
+from camrig.fuse.settings import Settings as FuseSettings
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.pose import perturb, transform
-from camrig.geometry.rotation import rotation_z
+from camrig.geometry.rotation import rotation_exp, rotation_z
 from camrig.locate.camera_pose import MOUNT_COVARIANCE
+from camrig.locate.sightings import UPRIGHT_SIGMA_RAD
 from camrig.messages import AxisReading, LinkReport, LinkStatus, TagDetections, TargetStatus
 from camrig.optimise import PlannerSettings
 from camrig.pipeline import Inputs, MissionSettings, Settings, begin, step
-from tests.watched_floor import MOUNT, Errors, Floor, detected
+from tests.watched_floor import MOUNT, REPEATING, Errors, Floor, detected
 
 SPEEDS_DEG_S = (0.0, 10.0, 20.0, 30.0)
 """How fast heads swing at the most."""
 SWING_RAD = math.radians(10.0)
 ROBOT_M_S = 0.5
 STRAIGHT_M, RADIUS_M = 1.6, 0.5
+CRUISE_S, REST_S, BRAKE_S = 1.25, 1.25, 0.25
 FRAME_S, FRAME_LATE_S, FRAME_JITTER_S = 1.0 / 15.0, 0.08, 0.04
 AXIS_S, AXIS_LATE_S, AXIS_NOISE_RAD = 0.075, 0.02, math.radians(0.01)
 TICK_S, SETTLE_S = 0.04, 4.0
+MODELS = FuseSettings().models
 SETTINGS = Settings(PlannerSettings(visibility="image"), MissionSettings(aim=False))
 
 
@@ -54,35 +60,55 @@ def on_stadium(way_m: float) -> tuple[float, float, float]:
     return (x, y, heading) if turn % 2 == 0 else (-x, -y, heading + math.pi)
 
 
+def with_stops(now_s: float) -> float:
+    """Return how far a robot has driven that stands for a second and a quarter after each as long drive, and starts
+    and brakes in a quarter of a second.
+    """
+    rounds, t = divmod(now_s, CRUISE_S + REST_S + 2.0 * BRAKE_S)
+    full_m, a = ROBOT_M_S * (CRUISE_S + BRAKE_S), ROBOT_M_S / BRAKE_S
+    start_s, left_s = min(t, BRAKE_S), CRUISE_S + 2.0 * BRAKE_S - t
+    driven_m = 0.5 * a * start_s**2 + ROBOT_M_S * max(0.0, t - BRAKE_S)
+    if left_s < BRAKE_S:
+        driven_m = full_m - 0.5 * a * max(0.0, left_s) ** 2
+    return rounds * full_m + driven_m
+
+
 class Wandering:
-    """A way whose velocity is the model's process, a heading that walks as the model's does; at its middle it is 0, 0.
+    """A way that is drawn from a model's own processes, of velocity, turning and height; at its middle it is 0, 0.
 
     The velocity's memory is far longer than a scene, so it leads a metre or two to each side.
     """
 
     STEP_S = 0.005
 
-    def __init__(self, seconds: float, rng: np.random.Generator) -> None:
+    def __init__(self, model: MotionModel, seconds: float, rng: np.random.Generator) -> None:
         n = int(seconds / self.STEP_S) + 2
-        keep = math.exp(-self.STEP_S / FLOOR.memory_s)
-        sigma_m_s = np.array(FLOOR.velocity_sigma_m_s[:2])
-        velocity = np.empty((n, 2))
-        velocity[0] = rng.normal(size=2) * sigma_m_s
-        for k in range(1, n):
-            velocity[k] = keep * velocity[k - 1] + math.sqrt(1.0 - keep * keep) * rng.normal(size=2) * sigma_m_s
-        place = np.cumsum(velocity, axis=0) * self.STEP_S
+        velocity = self._process(model.velocity_sigma_m_s[:2], model.memory_s, n, rng)
+        turned = np.cumsum(self._process([model.turn_sigma_rad_s], model.turn_memory_s, n, rng)[:, 0]) * self.STEP_S
+        c, s = np.cos(turned), np.sin(turned)
+        x, y = velocity.T
+        place = np.cumsum(np.stack([c * x - s * y, s * x + c * y], axis=1), axis=0) * self.STEP_S
         self.place = place - place[n // 2]
-        self.heading = np.cumsum(rng.normal(size=n)) * math.sqrt(FLOOR.turn_rad2_s * self.STEP_S)
+        self.heading = turned + np.cumsum(rng.normal(size=n)) * math.sqrt(model.turn_rad2_s * self.STEP_S)
+        self.height = np.cumsum(rng.normal(size=n)) * math.sqrt(model.walk_m2_s[2] * self.STEP_S)
 
-    def at(self, now_s: float) -> tuple[float, float, float]:
-        """Return place and heading."""
-        k = now_s / self.STEP_S
-        x, y, heading = (float(np.interp(k, np.arange(len(v)), v)) for v in (*self.place.T, self.heading))
-        return x, y, heading
+    def _process(self, sigma: Sequence[float], memory_s: float, n: int, rng: np.random.Generator) -> Array:
+        """Return n steps of Ornstein-Uhlenbeck processes (n, k)."""
+        keep = math.exp(-self.STEP_S / memory_s)
+        found = rng.normal(size=(n, len(sigma))) * sigma
+        for k in range(1, n):
+            found[k] = keep * found[k - 1] + math.sqrt(1.0 - keep * keep) * found[k]
+        return found
+
+    def at(self, now_s: float) -> tuple[float, float, float, float]:
+        """Return place, height and heading."""
+        k, walks = now_s / self.STEP_S, (*self.place.T, self.height, self.heading)
+        x, y, z, heading = (float(np.interp(k, np.arange(len(walk)), walk)) for walk in walks)
+        return x, y, z, heading
 
 
 class Room(Floor):
-    """A floor whose bodies move and whose heads swing; ``way`` is stadium, wander or stand."""
+    """A floor whose bodies move and whose heads swing; ``way`` is stadium, stops, wander or stand."""
 
     def __init__(self, seed: int, speed_deg_s: float, motion: str, way: str, seconds: float) -> None:
         errors = Errors(math.radians(0.1), mounts=True, lenses=True)
@@ -93,7 +119,15 @@ class Room(Floor):
         self.phase = {name: self.rng.uniform(0.0, math.tau, 2) for name in self.rig.cameras}
         self.bias = {name: self.rng.normal(size=2) * errors.pointing_rad for name in self.rig.cameras}
         self.mount = {name: self.rng.normal(size=6) * np.sqrt(np.diag(MOUNT_COVARIANCE)) for name in self.rig.cameras}
-        self.way, self.wandering = way, {name: Wandering(seconds, self.rng) for name in self.places}
+        self.way, self.wandering = way, {name: Wandering(MODELS[motion], seconds, self.rng) for name in self.places}
+        tilt_rad = np.array([UPRIGHT_SIGMA_RAD, UPRIGHT_SIGMA_RAD, 0.0])
+        self.tilts = {name: rotation_exp(self.rng.normal(size=3) * tilt_rad) for name in self.places}
+        keys = [tag.key for body in self.rig.targets.values() for tag in body.tags]
+        keys += [anchor.key for anchor in self.rig.anchors]
+        self.again = {
+            name: {key: self.rng.normal(size=(4, 2)) * math.sqrt(REPEATING) for key in keys}
+            for name in self.rig.cameras
+        }
         centre = np.array([2.5, 1.5, 0.0])
         for name in self.rig.cameras:
             x, y, z = centre - self._base(name)[:3, 3]
@@ -105,10 +139,12 @@ class Room(Floor):
         for name, middle in self.middle.items():
             match self.way:
                 case "wander":
-                    x, y, heading = self.wandering[name].at(now_s)
+                    x, y, z, heading = self.wandering[name].at(now_s)
                 case way:
-                    x, y, heading = on_stadium(self.began[name] + (ROBOT_M_S * now_s if way == "stadium" else 0.0))
-            found[name] = transform(rotation_z(heading), np.array([middle[0] + x, middle[1] + y, 0.0]))
+                    driven_m = {"stadium": ROBOT_M_S * now_s, "stops": with_stops(now_s), "stand": 0.0}[way]
+                    (x, y, heading), z = on_stadium(self.began[name] + driven_m), 0.0
+            R = self.tilts[name] @ rotation_z(heading)
+            found[name] = transform(R, np.array([middle[0] + x, middle[1] + y, z]))
         return found
 
     def angles(self, camera: str, now_s: float) -> Array:
@@ -129,7 +165,8 @@ class Room(Floor):
         robots = self.robots(now_s)
         listed = [(tag.key, robots[body.id]) for body in self.rig.targets.values() for tag in body.tags]
         listed += [(anchor.key, anchor.T_world_tag) for anchor in self.rig.anchors]
-        return detected(camera, now_s, number, T, self.true_lenses[camera], listed, self.rng)
+        lens, again = self.true_lenses[camera], self.again[camera]
+        return detected(camera, now_s, number, T, lens, listed, self.rng, again=again)
 
     def _base(self, camera: str) -> Transform:
         return self.rig.heads[camera.replace("c", "h")].kinematics.T_world_base
@@ -202,7 +239,9 @@ def main() -> None:
     asked.add_argument(
         "--motion", choices=("drives", "floor", "static"), default="drives", help="what the rig's file says"
     )
-    asked.add_argument("--way", choices=("stadium", "wander", "stand"), default="stadium", help="what robots do")
+    asked.add_argument(
+        "--way", choices=("stadium", "stops", "wander", "stand"), default="stadium", help="what robots do"
+    )
     options = asked.parse_args()
     scenes: list[list[Sample]] = []
     print("| heads swing to, deg/s | n | mean mm | 95 % mm | along mm | NEES | 95 %, scenes | largest | in the plane |")

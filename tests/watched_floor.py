@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from camrig.fuse.settings import Settings
 from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.corner_noise import refined_sigma_px, tag_width_px
 from camrig.geometry.lens import BrownLens
@@ -30,6 +31,8 @@ SIZE_M = 0.162
 MOUNT = transform(R_MOUNT_OPTICAL, np.zeros(3))
 LENS_SIGMA = (0.0006, 0.4, 0.4, 0.0005)
 MIN_WIDTH_PX = 20.0
+REPEATING = Settings().repeating
+"""The part of the corner noise that camrig takes for a camera's own, the same in every frame."""
 
 
 @dataclass(frozen=True)
@@ -172,15 +175,21 @@ def detected(
     tags: Iterable[tuple[TagKey, Transform]],
     rng: np.random.Generator,
     noise: float = 1.0,
+    again: Mapping[TagKey, Array] | None = None,
 ) -> TagDetections:
-    """Return the tags (number and true ``T_world_tag``) that a camera truly there, with that lens, shows."""
+    """Return the tags (number and true ``T_world_tag``) that a camera truly there, with that lens, shows.
+
+    ``again`` (4, 2) is the part of a tag's corner noise, in its sigma, that comes again in every frame: where it is
+    given, the rest is drawn with ``1 - REPEATING`` of the variance.
+    """
+    fresh = noise if again is None else noise * math.sqrt(1.0 - REPEATING)
     found = []
     for key, T_world_tag in tags:
         corners = _project(lens, apply(invert(T_world_camera) @ T_world_tag, SIZE_M * TAG_CORNERS))
         if corners is None:
             continue
         sigma = float(refined_sigma_px(tag_width_px(corners)))
-        corners = corners + rng.normal(size=(4, 2)) * sigma * noise
+        corners = corners + sigma * (rng.normal(size=(4, 2)) * fresh + (0.0 if again is None else again[key]))
         found.append(TagDetection(key, corners, tuple(corners.mean(axis=0)), 0, 80.0, (True,) * 4))
     return TagDetections(camera_id, stamp_s, number, SIZE_PX, tuple(found), 0.0)
 
