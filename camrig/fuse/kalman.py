@@ -11,7 +11,8 @@ with sensitivities S_s; with D_s = L_s - H S_s, the part of z_s that a fix does 
     published = W + sum_s S_s S_s^T
 
 which is exact for errors that stay and are independent between sources, however many fixes went in, and K the gain of
-least variance (Schmidt-Kalman): what a fix and the estimate are both off by does not make the filter slow.
+least variance (Schmidt-Kalman): what a fix and the estimate are both off by does not make the filter slow. All of this
+once for a target that goes on calmly and once for one that swerves (fuse.modes, docs/decisions/0018).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from camrig.fuse.modes import Modes
 from camrig.fuse.settings import MotionModel
 from camrig.geometry.arrays import Array
 from camrig.geometry.rotation import rotation_exp, rotation_log, rotation_z
@@ -40,17 +42,14 @@ _NO_TURN = 25.0
 class Belief:
     """What is known of one target at ``stamp_s``, the stamp of the last fix in it.
 
-    ``mean`` (6,) is [position, velocity]; ``white`` (6, 6) and
-    ``sensitivity`` (k, 6, 10), by ``sources`` (k), the parts of its covariance; ``weighed`` (6, 6) is what the
-    paper's weightings take for that, None where fixes count as well as can be. When each camera last saw it, and
+    ``modes`` is where it is and how fast, sensitive to ``sources`` (k); ``weighed`` (6, 6) is what the paper's
+    weightings take for its covariance, None where fixes count as well as can be. When each camera last saw it, and
     with which of the paper's Q, is kept beside them. ``turning`` (2, 2) is the covariance of [heading,
     ``turn_rate_rad_s``], the rate at which its way turns with its heading (0 where its motion knows none).
     """
 
     stamp_s: float
-    mean: Array
-    white: Array
-    sensitivity: Array
+    modes: Modes
     sources: tuple[str, ...]
     seen: tuple[Seen, ...]
     R_world_body: Array
@@ -59,24 +58,31 @@ class Belief:
     weighed: Array | None
 
     @property
+    def mean(self) -> Array:
+        """[position, velocity] (6,)."""
+        return self.modes.mean
+
+    @property
     def published(self) -> Array:
         """The (6, 6) covariance the estimate is worth."""
-        return np.asarray(self.white + (self.sensitivity @ self.sensitivity.swapaxes(1, 2)).sum(axis=0))
+        return self.modes.covariance
 
 
-def begin(fix: Fix, model: MotionModel, repeating: float) -> Belief:
-    """Start from one fix, at any velocity the motion allows; ``repeating`` is that part of its corner noise."""
+def begin(fix: Fix, model: MotionModel, weight: Array | None, repeating: float) -> Belief:
+    """Start from one fix, at any velocity the motion allows; ``repeating`` is that part of its corner noise, ``weight``
+    as in ``update``.
+    """
     C, sources, factors = _parts(fix, repeating)
-    weighed, white = np.zeros((6, 6)), np.zeros((6, 6))
-    weighed[3:, 3:] = white[3:, 3:] = np.diag(np.square(model.velocity_sigma_m_s))
-    weighed[:3, :3], white[:3, :3] = fix.whole[:3, :3], C
-    sensitivity = np.zeros((len(sources), 6, factors.shape[2]))
-    sensitivity[:, :3] = factors
+    white = np.zeros((6, 6))
+    white[3:, 3:] = model.velocity_covariance
+    weighed = None if weight is None else white + np.pad(fix.whole[:3, :3], (0, 3))
+    white[:3, :3] = C
+    sensitivity = np.concatenate([factors, np.zeros_like(factors)])
+    mean = np.concatenate([fix.T_world_body[:3, 3], np.zeros(3)])
+    n = len(model.often)
     return Belief(
         stamp_s=fix.stamp_s,
-        mean=np.concatenate([fix.T_world_body[:3, 3], np.zeros(3)]),
-        white=white,
-        sensitivity=sensitivity,
+        modes=Modes(model.often, *(np.stack([part] * n) for part in (mean, white, sensitivity))),
         sources=sources,
         seen=fix.seen,
         R_world_body=fix.T_world_body[:3, :3],
@@ -91,18 +97,17 @@ def predict(belief: Belief, stamp_s: float, model: MotionModel) -> Belief:
     dt_s = stamp_s - belief.stamp_s
     if dt_s <= 0.0:
         return belief
-    F, Q = model.step(dt_s)
+    F, Q, becomes = model.step(dt_s)
     if model.turn_sigma_rad_s > 0.0:
         belief, F, Q = _along_an_arc(belief, F, Q, model, dt_s)
     turning = belief.turning.copy()
     turning[0, 0] += model.turn_rad2_s * dt_s
+    weighed = belief.weighed
     return replace(
         belief,
         stamp_s=stamp_s,
-        mean=F @ belief.mean,
-        weighed=None if belief.weighed is None else F @ belief.weighed @ F.T + Q,
-        white=F @ belief.white @ F.T + Q,
-        sensitivity=F @ belief.sensitivity,
+        modes=belief.modes.mixed(becomes).moved(F, Q),
+        weighed=None if weighed is None else F @ weighed @ F.T + np.tensordot(model.often, Q, axes=1),
         turning=turning,
     )
 
@@ -139,38 +144,43 @@ def _along_an_arc(belief: Belief, F: Array, Q: Array, model: MotionModel, dt_s: 
 
 def distance(belief: Belief, fix: Fix) -> float:
     """Return the squared Mahalanobis distance of a fix's position from a belief at its stamp."""
-    innovation = fix.T_world_body[:3, 3] - belief.mean[:3]
-    S = belief.published[:3, :3] + fix.whole[:3, :3]
-    return float(innovation @ np.linalg.solve(S, innovation))
+    return float(_distances(belief.mean[None], belief.published[None], fix)[0])
+
+
+def least_distance(belief: Belief, fix: Fix) -> float:
+    """Return that from the mode that it is least far from."""
+    return float(_distances(belief.modes.means, belief.modes.covariances, fix).min())
+
+
+def _distances(means: Array, covariances: Array, fix: Fix) -> Array:
+    innovation = fix.T_world_body[:3, 3] - means[:, :3]
+    scaled = np.linalg.solve(covariances[:, :3, :3] + fix.whole[:3, :3], innovation[..., None])
+    return np.asarray((innovation * scaled[..., 0]).sum(axis=1))
 
 
 def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float) -> Belief:
     """Take in a fix at the belief's stamp, as well as can be or, where ``weight`` (3, 3) is given, as if that were the
     covariance of its error and nothing stayed the same; ``repeating`` as in ``begin``.
     """
-    C, names, factors = _parts(fix, repeating)
+    C, names, own = _parts(fix, repeating)
     sources = (*belief.sources, *(name for name in names if name not in belief.sources))
-    S = np.zeros((len(sources), 6, factors.shape[2]))
-    S[: len(belief.sources)] = belief.sensitivity
-    D = -S[:, :3]
-    D[[sources.index(name) for name in names]] += factors
-    if weight is None or belief.weighed is None:
-        across = belief.white[:, :3] - (S @ D.swapaxes(1, 2)).sum(axis=0)
-        doubt = CHANGING * (factors @ factors.swapaxes(1, 2)).sum(axis=0)
-        spread = belief.white[:3, :3] + C + (D @ D.swapaxes(1, 2)).sum(axis=0) + doubt
+    factors = np.zeros((3, len(sources), own.shape[1] // len(names)))
+    factors[:, [sources.index(name) for name in names]] = own.reshape(3, len(names), -1)
+    factors = factors.reshape(3, -1)
+    modes, place_m, weighed = belief.modes.knowing(factors.shape[1]), fix.T_world_body[:3, 3], belief.weighed
+    if weight is None or weighed is None:
+        modes = modes.taken(place_m, C, factors, CHANGING * (own @ own.T))
     else:
-        across, spread = belief.weighed[:, :3], belief.weighed[:3, :3] + weight
-    K = np.linalg.solve(spread, across.T).T
-    A = np.eye(6)
-    A[:, :3] -= K
-    weighed = None if weight is None or belief.weighed is None else A @ belief.weighed @ A.T + K @ weight @ K.T
+        K = np.asarray(np.linalg.solve(weighed[:3, :3] + weight, weighed[:3]).T, float)
+        modes = modes.taken_by(K, place_m, C, factors)
+        A = np.eye(6)
+        A[:, :3] -= K
+        weighed = A @ weighed @ A.T + K @ weight @ K.T
     R_world_body, turn_rate_rad_s, turning = _turned(belief, fix)
     return replace(
         belief,
-        mean=belief.mean + K @ (fix.T_world_body[:3, 3] - belief.mean[:3]),
+        modes=modes,
         weighed=weighed,
-        white=A @ belief.white @ A.T + K @ C @ K.T,
-        sensitivity=S + K @ D,
         sources=sources,
         seen=_latest(belief.seen, fix.seen),
         R_world_body=R_world_body,
@@ -180,15 +190,16 @@ def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float) -> 
 
 
 def _parts(fix: Fix, repeating: float) -> tuple[Array, tuple[str, ...], Array]:
-    """Return the white covariance (3, 3) of a fix's position, its sources and their (k, 3, p) factors.
+    """Return the white covariance (3, 3) of a fix's position, its k sources and their factors (3, 10 k), side by side.
 
     Corner noise that repeats is a source of its own: each camera's, and one of all that were estimated together.
     """
-    corners, factors = fix.covariance[:3, :3], fix.factors[:, :3]
-    own = np.zeros((1, 3, factors.shape[2]))
-    own[0, :, :3] = np.sqrt(repeating) * np.linalg.cholesky(corners)
+    corners, k, p = fix.covariance[:3, :3], len(fix.sources), fix.factors.shape[2]
+    factors = np.zeros((3, k + 1, p))
+    factors[:, :k] = fix.factors[:, :3].swapaxes(0, 1)
+    factors[:, k, :3] = np.sqrt(repeating) * np.linalg.cholesky(corners)
     name = f"corners of {fix.seen[0].camera_id}" if len(fix.seen) == 1 else "corners"
-    return (1.0 - repeating) * corners, (*fix.sources, name), np.concatenate([factors, own])
+    return (1.0 - repeating) * corners, (*fix.sources, name), factors.reshape(3, -1)
 
 
 def _latest(before: tuple[Seen, ...], now: tuple[Seen, ...]) -> tuple[Seen, ...]:

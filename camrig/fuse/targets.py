@@ -74,15 +74,23 @@ def motions(tracks: Tracks, rig: Rig, stamp_s: float, settings: Settings = DEFAU
 
 def _motion(track: Track | None, model: MotionModel, on_floor: bool, stamp_s: float) -> Motion:
     belief = track.state.belief if track and track.state.confirmed else None
-    density = 2.0 * np.square(model.velocity_sigma_m_s) / model.memory_s
     turning = model.turn_rad2_s * (np.array([0.0, 0.0, 1.0]) if on_floor else np.ones(3))
+    swerve = model.swerve_density_m2_s3
     if belief is None:
-        velocity = np.diag(np.square(model.velocity_sigma_m_s))
-        return Motion(stamp_s, None, np.zeros(3), velocity, density, turning, 0.0, model.turn_sigma_rad_s**2)
+        density, rate_variance = model.density_m2_s3 + swerve, model.turn_sigma_rad_s**2
+        return Motion(stamp_s, None, np.zeros(3), model.velocity_covariance, density, turning, 0.0, rate_variance)
     now = predict(belief, stamp_s, model)
-    T_world_body = transform(now.R_world_body, now.mean[:3])
-    rate, rate_variance = now.turn_rate_rad_s, float(now.turning[1, 1])
-    return Motion(stamp_s, T_world_body, now.mean[3:], now.published[3:, 3:], density, turning, rate, rate_variance)
+    return Motion(
+        stamp_s=stamp_s,
+        T_world_body=transform(now.R_world_body, now.mean[:3]),
+        velocity_m_s=now.mean[3:],
+        velocity_covariance=now.published[3:, 3:],
+        acceleration_m2_s3=model.density_m2_s3 + now.modes.swerving * swerve,
+        turn_rad2_s=turning,
+        turn_rate_rad_s=now.turn_rate_rad_s,
+        turn_rate_rad2_s2=float(now.turning[1, 1]),
+        swerve_m2_s3=swerve,
+    )
 
 
 def _target(name: str, track: Track | None, now_s: float, settings: Settings) -> Target:
