@@ -82,7 +82,9 @@ class Daemon:
             raise
 
     def _start(self) -> None:
-        self.notifier.starting("loading machine code; compiled once after an installation", COMPILING_S)
+        loading = "loading machine code; after an installation it is compiled first, for a minute or two"
+        self.notifier.starting(loading, COMPILING_S)
+        log.info(loading)
         locate.warm_up()  # before anything is open: no thread must be silent for so long
         if self.config.refine:
             warm_up()

@@ -6,7 +6,7 @@ import logging
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 from camrig.clock import Clock
 from camrig.errors import InputError, LinkLost, NotEnabledError
@@ -32,44 +32,16 @@ from camrig_drivers.visca.line import Answer, Line, Miss
 from camrig_drivers.visca.link import Link
 from camrig_drivers.visca.plausible import HASTE, Doubt
 from camrig_drivers.visca.section import ViscaSection
+from camrig_drivers.visca.sent import Sent
 
 _log = logging.getLogger(__name__)
 
 _TRIES_AT_OPEN = 4
 _MISSES_TO_LOSE = 4
 """Unanswered inquiries in a row after which the head counts as gone."""
-_RESEND_S = 2.0
-"""A target that was not acknowledged is sent again after this long even if unchanged: it may have been lost."""
 _TRIES_TO_MOVE = 4
 _BUSY_S = 0.1
 """Cameras refuse commands for up to 0.25 s after a preset or a cancel."""
-_SETTLE_S = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Sent:
-    """The last target sent, under which permit, and when."""
-
-    counts: tuple[int, int]
-    permit: object
-    stamp_s: float
-    way_s: float
-    """How long the way there takes at the head's speed, from wherever it may have been."""
-    acknowledged: bool
-
-    @property
-    def until_s(self) -> float:
-        """When it must have been reached."""
-        return self.stamp_s + self.way_s + _SETTLE_S
-
-    @property
-    def resend_s(self) -> float:
-        """When it makes sense to send it again; sooner it would only interrupt a head that has understood."""
-        return max(self.until_s, self.stamp_s + _RESEND_S) if self.acknowledged else self.stamp_s + _RESEND_S
-
-    def names(self, counts: tuple[int, int]) -> bool:
-        """Tell whether a reported position is the target."""
-        return all(abs(count - target) <= 1 for count, target in zip(counts, self.counts, strict=True))
 
 
 class ViscaHead:
@@ -88,7 +60,7 @@ class ViscaHead:
         self._permit: object | None = None
         self._unstopped = False
         """Whether a motion may have been sent since the last stop that was written."""
-        self._sent: _Sent | None = None
+        self._sent: Sent | None = None
         self._zoomed: object | None = None
         """The permit under which the zoom was set."""
         self._misses = 0
@@ -137,7 +109,7 @@ class ViscaHead:
         outcome = self._tell(link, absolute(*counts, speeds, section.digits), permit)
         if not isinstance(outcome, Refused):
             way_s = self._way_s(pan_rad, tilt_rad)
-            self._sent = _Sent(counts, permit, now_s, way_s, isinstance(outcome, Acknowledged))
+            self._sent = Sent(counts, permit, now_s, way_s, isinstance(outcome, Acknowledged))
             self._whereabouts.append((pan_rad, tilt_rad))
 
     def read(self, timeout_s: float) -> tuple[AxisReading, ...]:
@@ -249,7 +221,7 @@ class ViscaHead:
         self._whereabouts = [angles_rad]
         return angles_rad
 
-    def _is_hearsay(self, sent: _Sent, counts: tuple[int, int], stamp_s: float) -> bool:
+    def _is_hearsay(self, sent: Sent, counts: tuple[int, int], stamp_s: float) -> bool:
         """Tell whether a position may be a target instead: some heads report where they are going to.
 
         One that names its target sooner than it can be there is found out, and from then on believed only at rest.
