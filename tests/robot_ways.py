@@ -66,7 +66,8 @@ class Wandering:
         for k in range(1, n):
             lasts_s = model.swerve_s if swerves[k - 1] else model.calm_s
             swerves[k] = swerves[k - 1] ^ (changed[k] < self.STEP_S / lasts_s)
-        return 1.0 + swerves[:, None] * (model.swerve_density_m2_s3[:2] / model.density_m2_s3[:2])
+        calm = np.maximum(model.density_m2_s3[:2], 1e-12)
+        return 1.0 + swerves[:, None] * (model.swerve_density_m2_s3[:2] / calm)
 
     def _process(
         self,

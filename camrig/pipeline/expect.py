@@ -32,8 +32,8 @@ TURNING_RAD = math.radians(0.5)
 COASTS_S = 0.15
 """A head may go on as it did for so long, whatever it was told since: the order's way, and braking."""
 POSE_AGE_S = 1.0
-MOTION_M = 0.03
-"""What a target may do in the meantime beside going on as it did and what its covariance says."""
+MOTION_M = 0.02
+"""What a target may do from now on beside going on as it did; that it swerves is in its covariance so far."""
 
 
 def expected(state: State, targets: tuple[Target, ...], rig: Rig, now_s: float) -> tuple[Expected, ...]:

@@ -92,7 +92,7 @@ def test_no_published_position_is_further_off_than_five_sigma(seed: int) -> None
     assert max(values) < 25.0
     said = {event.text for tick in watched(seed).ticks for event in tick.outputs.published.events}
     assert not [text for text in said if "calibrate" in text or "agree" in text]  # nothing is wrong here
-    assert 0.3 < np.mean(values) < 3.0  # cautious: robots turn, and what they will do is not known
+    assert 0.2 < np.mean(values) < 3.0  # cautious: these never brake, which is not known (ADR 18)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
