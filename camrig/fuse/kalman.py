@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -92,8 +93,11 @@ def begin(fix: Fix, model: MotionModel, weight: Array | None, repeating: float) 
     )
 
 
+@lru_cache(maxsize=256)
 def predict(belief: Belief, stamp_s: float, model: MotionModel) -> Belief:
-    """Carry the belief on to ``stamp_s``, not before its own; same stamp, same belief."""
+    """Carry the belief on to ``stamp_s``, not before its own; same stamp, same belief. Remembered, for a frame's poses,
+    motions and fixes ask for the same.
+    """
     dt_s = stamp_s - belief.stamp_s
     if dt_s <= 0.0:
         return belief
@@ -142,20 +146,16 @@ def _along_an_arc(belief: Belief, F: Array, Q: Array, model: MotionModel, dt_s: 
     return carried_on, F, Q + np.outer(by_rate, by_rate)
 
 
-def distance(belief: Belief, fix: Fix) -> float:
-    """Return the squared Mahalanobis distance of a fix's position from a belief at its stamp."""
-    return float(_distances(belief.mean[None], belief.published[None], fix)[0])
-
-
-def least_distance(belief: Belief, fix: Fix) -> float:
-    """Return that from the mode that it is least far from."""
-    return float(_distances(belief.modes.means, belief.modes.covariances, fix).min())
-
-
-def _distances(means: Array, covariances: Array, fix: Fix) -> Array:
-    innovation = fix.T_world_body[:3, 3] - means[:, :3]
-    scaled = np.linalg.solve(covariances[:, :3, :3] + fix.whole[:3, :3], innovation[..., None])
-    return np.asarray((innovation * scaled[..., 0]).sum(axis=1))
+def distances(belief: Belief, fix: Fix) -> tuple[float, float]:
+    """Return the squared Mahalanobis distance of a fix's position from a belief at its stamp, and that from the mode
+    that it is least far from.
+    """
+    modes = belief.modes
+    means = np.concatenate([modes.mean[None], modes.means])[:, :3]
+    covariances = np.concatenate([modes.covariance[None], modes.covariances])[:, :3, :3] + fix.whole[:3, :3]
+    innovation = (fix.T_world_body[:3, 3] - means)[..., None]
+    whole, *each = (innovation * np.linalg.solve(covariances, innovation)).sum(axis=(1, 2)).tolist()
+    return whole, min(each)
 
 
 def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float) -> Belief:

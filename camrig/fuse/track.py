@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from camrig.fuse.kalman import Belief, begin, distance, least_distance, predict, update
+from camrig.fuse.kalman import Belief, begin, distances, predict, update
 from camrig.fuse.settings import MotionModel, Settings
 from camrig.geometry.arrays import Array
 from camrig.messages import Fix
@@ -79,8 +79,9 @@ def _fold(state: State, fix: Fix, model: MotionModel, settings: Settings) -> Sta
     if unseen_s > settings.lost_after_s and not state.confirmed:
         return _born(state, fix, model, settings)
     predicted = predict(belief, fix.stamp_s, model)
-    innovation = _mean_innovation(state, distance(predicted, fix) / 3.0)
-    if least_distance(predicted, fix) <= settings.gate_chi2:
+    surprise, least = distances(predicted, fix)
+    innovation = _mean_innovation(state, surprise / 3.0)
+    if least <= settings.gate_chi2:
         updated = update(predicted, fix, _weight(fix, settings), settings.repeating)
         return State(updated, confirmed=True, restarts=state.restarts, innovation=innovation)
     state = replace(state, innovation=innovation)
@@ -104,7 +105,7 @@ def _born(state: State, fix: Fix, model: MotionModel, settings: Settings) -> Sta
 def _doubted(state: State, fix: Fix, model: MotionModel, settings: Settings) -> State:
     """Let fixes outside the gate build a rival; enough of them in a row replace the track."""
     predicted = predict(state.rival, fix.stamp_s, model) if state.rival else None
-    if predicted is None or least_distance(predicted, fix) > settings.gate_chi2:
+    if predicted is None or distances(predicted, fix)[1] > settings.gate_chi2:
         return replace(state, rival=begin(fix, model, _weight(fix, settings), settings.repeating), rival_hits=1)
     rival = update(predicted, fix, _weight(fix, settings), settings.repeating)
     if state.rival_hits + 1 < settings.restart_after:

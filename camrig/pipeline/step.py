@@ -73,7 +73,8 @@ def _see(state: State, inputs: Inputs, rig: Rig, settings: Settings, now_s: floa
     ]
     views = {each.view.camera_id: each.view for each in found if each.view is not None}
     if settings.fuse.estimator == "joint":
-        motions = fuse.motions(state.tracks, rig, now_s, settings.fuse)
+        newest_s = max((view.stamp_s for view in views.values()), default=now_s)
+        motions = fuse.motions(state.tracks, rig, newest_s, settings.fuse)
         together = locate.joint(tuple(views.values()), tuple(state.views.values()), motions, rig, state.lenses)
     else:
         together = locate.apart(tuple(each.view for each in found if each.view is not None))
