@@ -7,8 +7,8 @@ a stadium (with ``stops`` they stand, start and brake, at 2 m/s2), wander just a
 it, or stand, each a little tilted; four anchors lie on the floor. Corners are projected by OpenCV with the noise of
 refined ones, most of which comes again in every frame of a camera, frames come fifteen times a second and camera, 40 to
 120 ms late, a head's axes in turn every 75 ms. All of ``pipeline.step`` runs; an error is that of a published position
-at the time it is published for, so what is guessed ahead counts too. Where robots wander nothing is but what camrig
-reckons with, and NEES must be its degrees of freedom.
+at the time it is published for, so what is guessed ahead counts too. Where robots wander nearly all is what camrig
+reckons with, and NEES must be near its degrees of freedom.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ def on_stadium(way_m: float) -> tuple[float, float, float]:
 
 
 def with_stops(now_s: float) -> float:
-    """Return how far a robot has driven that stands for a second and a quarter after each as long drive, and starts
-    and brakes in a quarter of a second.
+    """Return how far a robot has driven that starts in a quarter of a second, drives for one and a quarter, brakes in a
+    quarter and stands for one and a quarter.
     """
     rounds, t = divmod(now_s, CRUISE_S + REST_S + 2.0 * BRAKE_S)
     full_m, a = ROBOT_M_S * (CRUISE_S + BRAKE_S), ROBOT_M_S / BRAKE_S
@@ -43,7 +43,7 @@ def with_stops(now_s: float) -> float:
 class Wandering:
     """A way that is drawn from a model's own processes, of velocity, turning and height; at its middle it is 0, 0.
 
-    The velocity's memory is far longer than a scene, so it leads a metre or two to each side.
+    Swerves make it ever faster, where the model has them undo each other: at times it leads out of the room.
     """
 
     STEP_S = 0.005

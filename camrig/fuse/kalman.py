@@ -110,7 +110,7 @@ def predict(belief: Belief, stamp_s: float, model: MotionModel) -> Belief:
     return replace(
         belief,
         stamp_s=stamp_s,
-        modes=belief.modes.mixed(becomes).moved(F, Q),
+        modes=belief.modes.carried_on(F, Q, becomes),
         weighed=None if weighed is None else F @ weighed @ F.T + np.tensordot(model.often, Q, axes=1),
         turning=turning,
     )
@@ -146,21 +146,19 @@ def _along_an_arc(belief: Belief, F: Array, Q: Array, model: MotionModel, dt_s: 
     return carried_on, F, Q + np.outer(by_rate, by_rate)
 
 
-def distances(belief: Belief, fix: Fix) -> tuple[float, float]:
-    """Return the squared Mahalanobis distance of a fix's position from a belief at its stamp, and that from the mode
-    that it is least far from.
-    """
+def distances(belief: Belief, fix: Fix) -> tuple[float, list[float]]:
+    """Return the squared Mahalanobis distance of a fix's position from a belief at its stamp, and from each mode."""
     modes = belief.modes
     means = np.concatenate([modes.mean[None], modes.means])[:, :3]
     covariances = np.concatenate([modes.covariance[None], modes.covariances])[:, :3, :3] + fix.whole[:3, :3]
     innovation = (fix.T_world_body[:3, 3] - means)[..., None]
     whole, *each = (innovation * np.linalg.solve(covariances, innovation)).sum(axis=(1, 2)).tolist()
-    return whole, min(each)
+    return whole, each
 
 
-def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float) -> Belief:
+def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float, *, suspect: bool = False) -> Belief:
     """Take in a fix at the belief's stamp, as well as can be or, where ``weight`` (3, 3) is given, as if that were the
-    covariance of its error and nothing stayed the same; ``repeating`` as in ``begin``.
+    covariance of its error and nothing stayed the same; ``repeating`` as in ``begin``; ``suspect``: it may be wrong.
     """
     C, names, own = _parts(fix, repeating)
     sources = (*belief.sources, *(name for name in names if name not in belief.sources))
@@ -169,7 +167,7 @@ def update(belief: Belief, fix: Fix, weight: Array | None, repeating: float) -> 
     factors = factors.reshape(3, -1)
     modes, place_m, weighed = belief.modes.knowing(factors.shape[1]), fix.T_world_body[:3, 3], belief.weighed
     if weight is None or weighed is None:
-        modes = modes.taken(place_m, C, factors, CHANGING * (own @ own.T))
+        modes = modes.taken(place_m, C, factors, CHANGING * (own @ own.T), suspect=suspect)
     else:
         K = np.asarray(np.linalg.solve(weighed[:3, :3] + weight, weighed[:3]).T, float)
         modes = modes.taken_by(K, place_m, C, factors)

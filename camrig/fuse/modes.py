@@ -17,6 +17,11 @@ from camrig.geometry.arrays import Array
 _LEAST = 1e-6
 """No mode is less probable than this: the one that is right now must be found again."""
 
+WRONG, WRONG_SIGMA_M = 0.05, 0.05
+"""So many fixes that only a swerve explains are wrong, by so much: a tag half hidden, a flipped pose. They are not
+quite believed before a second agrees.
+"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Modes:
@@ -50,11 +55,15 @@ class Modes:
         off = (self.means - self.mean) * np.sqrt(self.weights)[:, None]
         return np.asarray((self.weights[:, None, None] * self.covariances).sum(axis=0) + off.T @ off)
 
-    def mixed(self, becomes: Array) -> Modes:
-        """Return them where mode i ``becomes`` (n, n) mode j with that probability: what each then begins with."""
-        if len(self.weights) == 1:
-            return self
-        joint = self.weights[:, None] * becomes
+    def carried_on(self, F: Array, Q: Array, becomes: Array) -> Modes:
+        """Return them after a transition (6, 6) with the noise (n, 6, 6) of each, before which mode i has become mode j
+        with the probability ``becomes`` (n, n).
+        """
+        mixed = self._mixed(self.weights[:, None] * becomes) if len(self.weights) > 1 else self
+        return Modes(mixed.weights, mixed.means @ F.T, F @ mixed.whites @ F.T + Q, F @ mixed.sensitivities)
+
+    def _mixed(self, joint: Array) -> Modes:
+        """Return what each mode begins with, where ``joint`` (2, 2) is how probably it was mode i and is mode j."""
         weights = joint.sum(axis=0)
         second = (joint[1] / weights)[:, None]
         off, apart = self.means[1] - self.means[0], self.sensitivities[1] - self.sensitivities[0]
@@ -63,10 +72,6 @@ class Modes:
         whites = self.whites[0] + second3 * (self.whites[1] - self.whites[0] + (1.0 - second3) * between)
         return Modes(weights, self.means[0] + second * off, whites, self.sensitivities[0] + second3 * apart)
 
-    def moved(self, F: Array, Q: Array) -> Modes:
-        """Return them after a transition (6, 6), with the noise (n, 6, 6) of each."""
-        return Modes(self.weights, self.means @ F.T, F @ self.whites @ F.T + Q, F @ self.sensitivities)
-
     def knowing(self, columns: int) -> Modes:
         """Return them with so many columns of sensitivity, 0 where they were none."""
         n, rows, known = self.sensitivities.shape
@@ -74,9 +79,9 @@ class Modes:
         grown[..., :known] = self.sensitivities
         return Modes(self.weights, self.means, self.whites, grown)
 
-    def taken(self, place_m: Array, C: Array, factors: Array, doubt: Array) -> Modes:
+    def taken(self, place_m: Array, C: Array, factors: Array, doubt: Array, *, suspect: bool = False) -> Modes:
         """Return them after a measured place (3,) of white covariance C and ``factors`` (3, m), by gains of least
-        variance that reckon with ``doubt`` (3, 3) besides.
+        variance that reckon with ``doubt`` (3, 3) besides and, if it is ``suspect``, with a place that is wrong.
         """
         D = factors - self.sensitivities[:, :3]
         transposed = D.swapaxes(1, 2)
@@ -84,15 +89,19 @@ class Modes:
         spread = self.whites[:, :3, :3] + D @ transposed + (C + doubt)
         innovation = (place_m - self.means[:, :3])[..., None]
         solved = np.linalg.solve(spread, np.concatenate([across.swapaxes(1, 2), innovation], axis=2))
-        worth = self.weights
-        if len(worth) > 1:
-            squared = (innovation * solved[..., 6:]).sum(axis=(1, 2))
-            worth = worth * np.exp(0.5 * (squared.min() - squared)) / np.sqrt(np.linalg.det(spread))
-            worth = np.maximum(worth / worth.sum(), _LEAST)
-        return self._by(solved[..., :6].swapaxes(1, 2), innovation, C, D, worth / worth.sum())
+        worth = _likelihood((innovation * solved[..., 6:]).sum(axis=(1, 2)), spread)
+        wrong = np.zeros_like(worth)
+        if suspect:
+            astray = spread + WRONG_SIGMA_M**2 * np.eye(3)
+            wrong = _likelihood((innovation * np.linalg.solve(astray, innovation)).sum(axis=(1, 2)), astray)
+            worth, wrong = (1.0 - WRONG) * worth + WRONG * wrong, WRONG * wrong
+        weights = self.weights * worth
+        weights = np.maximum(weights / weights.sum(), _LEAST)
+        updated = self._by(solved[..., :6].swapaxes(1, 2), innovation, C, D, weights / weights.sum())
+        return updated._or(self, wrong / worth) if suspect else updated
 
     def taken_by(self, K: Array, place_m: Array, C: Array, factors: Array) -> Modes:
-        """Return them after it by one gain (6, 3), whatever that is, which tells nothing of which mode is right."""
+        """Return them after it by one gain (6, 3), whatever that is; which mode is right is not asked."""
         D = factors - self.sensitivities[:, :3]
         gains = np.broadcast_to(K, (len(self.weights), 6, 3))
         return self._by(gains, (place_m - self.means[:, :3])[..., None], C, D, self.weights)
@@ -103,3 +112,17 @@ class Modes:
         means = self.means + (K @ innovation)[..., 0]
         whites = A @ self.whites @ A.swapaxes(1, 2) + K @ C @ K.swapaxes(1, 2)
         return Modes(weights, means, whites, self.sensitivities + K @ D)
+
+    def _or(self, other: Modes, share: Array) -> Modes:
+        """Return each mode mixed with the same one of others, by their ``share`` (n,)."""
+        one, two = share[:, None], share[:, None, None]
+        off, apart = (other.means - self.means)[..., None], other.sensitivities - self.sensitivities
+        between = off @ off.swapaxes(1, 2) + apart @ apart.swapaxes(1, 2)
+        whites = self.whites + two * (other.whites - self.whites + (1.0 - two) * between)
+        means = self.means + one * (other.means - self.means)
+        return Modes(self.weights, means, whites, self.sensitivities + two * apart)
+
+
+def _likelihood(chi2: Array, spread: Array) -> Array:
+    """Return the normal density (n,) of innovations, but for a constant; never quite none."""
+    return np.asarray(np.exp(-0.5 * np.minimum(chi2, 1000.0)) / np.sqrt(np.linalg.det(spread)))

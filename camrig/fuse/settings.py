@@ -46,7 +46,7 @@ class MotionModel:
     def step(self, dt_s: float) -> tuple[Array, Array, Array]:
         """Return the (6, 6) transition over ``dt_s`` > 0 for [position, velocity], the process noise (n, 6, 6) where it
         is calm before and after and, if it ever does, where it swerves all the while, ``SWERVES_S`` at the most; and
-        with which probability (n, n) one mode has become another, on the average over that time.
+        with which probability (n, n) one mode has become another by then.
         """
         return _step(self, dt_s)
 
@@ -86,13 +86,12 @@ def _beforehand(model: MotionModel) -> tuple[Array, Array, Array]:
 
 @lru_cache(maxsize=64)
 def _step(model: MotionModel, dt_s: float) -> tuple[Array, Array, Array]:
-    """Return them; here too."""
+    """Return transition, noises and changes of mode; kept, as the densities are."""
     F, Q = _transition(model.memory_s, dt_s), _noise(model.density_m2_s3, model.memory_s, dt_s)
     Q[range(3), range(3)] += np.multiply(model.walk_m2_s, dt_s)
     noises, often = [Q], model.often
     x = (1.0 / model.calm_s + 1.0 / model.swerve_s) * dt_s
-    forgotten = 1.0 + math.expm1(-x) / x
-    becomes = (1.0 - forgotten) * np.eye(len(often)) + forgotten * often
+    becomes = math.exp(-x) * np.eye(len(often)) - math.expm1(-x) * often
     if model.swerve_m2_s3 > 0.0:
         half_s = min(0.5 * SWERVES_S, 0.5 * dt_s)
         half, on = (
@@ -136,7 +135,7 @@ def _noise(density: Array, memory_s: float, dt_s: float) -> Array:
     return Q
 
 
-SWERVE_M2_S3 = 1.2
+SWERVE_M2_S3 = 0.8
 """Of a robot that brakes or starts at 2 m/s2 once in a while no position is past five sigma (ADR 18)."""
 
 FLOOR = MotionModel((0.1, 0.1, 0.0), (0.0, 0.0, 1e-6), 0.5, 20.0, swerve_m2_s3=SWERVE_M2_S3)

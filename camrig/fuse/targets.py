@@ -17,6 +17,11 @@ from camrig.geometry.pose import transform
 from camrig.messages import Event, Fix, Level, Motion, Target, TargetStatus
 from camrig.rig import Rig
 
+_RESTLESS = (
+    "swerves without end: its cameras do not agree on where it is (calibration, stamps, a tag's place), or it drives "
+    "narrower curves than its motion allows"
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
@@ -41,6 +46,8 @@ def update(
         by_id[name] = after
         if after.state.restarts > before.state.restarts:
             notes.append(Event(fix.stamp_s, Level.INFO, name, "was moved by more than it can move: track restarted"))
+        if after.state.restless and not before.state.restless:
+            notes.append(Event(fix.stamp_s, Level.WARNING, name, _RESTLESS))
     return Tracks(by_id), tuple(notes)
 
 
@@ -89,7 +96,6 @@ def _motion(track: Track | None, model: MotionModel, on_floor: bool, stamp_s: fl
         turn_rad2_s=turning,
         turn_rate_rad_s=now.turn_rate_rad_s,
         turn_rate_rad2_s2=float(now.turning[1, 1]),
-        swerve_m2_s3=swerve,
     )
 
 

@@ -20,6 +20,10 @@ from camrig.messages import Fix
 _INNOVATIONS = 30
 """So many fixes the mean of their innovations remembers."""
 
+_SWERVES = 100
+_RESTLESS, _RESTED = 0.5, 0.25
+"""What swerves for most of so many fixes does more than swerve, until it does so for a quarter of them."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
@@ -32,6 +36,10 @@ class State:
     restarts: int = 0
     innovation: float | None = None
     """The mean squared Mahalanobis distance of the last fixes from their prediction, by degree of freedom."""
+    swerving: float = 0.0
+    """How probably it swerved, on the average over the last fixes."""
+    restless: bool = False
+    """Whether it swerves without end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,11 +87,20 @@ def _fold(state: State, fix: Fix, model: MotionModel, settings: Settings) -> Sta
     if unseen_s > settings.lost_after_s and not state.confirmed:
         return _born(state, fix, model, settings)
     predicted = predict(belief, fix.stamp_s, model)
-    surprise, least = distances(predicted, fix)
+    surprise, by_mode = distances(predicted, fix)
     innovation = _mean_innovation(state, surprise / 3.0)
-    if least <= settings.gate_chi2:
-        updated = update(predicted, fix, _weight(fix, settings), settings.repeating)
-        return State(updated, confirmed=True, restarts=state.restarts, innovation=innovation)
+    if min(by_mode) <= settings.gate_chi2:
+        suspect = by_mode[0] > settings.gate_chi2
+        updated = update(predicted, fix, _weight(fix, settings), settings.repeating, suspect=suspect)
+        swerving = state.swerving + (updated.modes.swerving - state.swerving) / _SWERVES
+        return State(
+            updated,
+            confirmed=True,
+            restarts=state.restarts,
+            innovation=innovation,
+            swerving=swerving,
+            restless=swerving > (_RESTED if state.restless else _RESTLESS),
+        )
     state = replace(state, innovation=innovation)
     if not state.confirmed or unseen_s > settings.lost_after_s:
         return _born(state, fix, model, settings)
@@ -105,7 +122,7 @@ def _born(state: State, fix: Fix, model: MotionModel, settings: Settings) -> Sta
 def _doubted(state: State, fix: Fix, model: MotionModel, settings: Settings) -> State:
     """Let fixes outside the gate build a rival; enough of them in a row replace the track."""
     predicted = predict(state.rival, fix.stamp_s, model) if state.rival else None
-    if predicted is None or distances(predicted, fix)[1] > settings.gate_chi2:
+    if predicted is None or min(distances(predicted, fix)[1]) > settings.gate_chi2:
         return replace(state, rival=begin(fix, model, _weight(fix, settings), settings.repeating), rival_hits=1)
     rival = update(predicted, fix, _weight(fix, settings), settings.repeating)
     if state.rival_hits + 1 < settings.restart_after:

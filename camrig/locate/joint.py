@@ -16,7 +16,7 @@ from camrig.geometry.arrays import Array, Transform
 from camrig.geometry.bundle import Adjusted, Estimate, LensPriors, Views, adjust
 from camrig.geometry.pnp import refine
 from camrig.geometry.pose import PosePriors, transform
-from camrig.locate.fit import CLEARLY_WORSE, angle_between, inflation
+from camrig.locate.fit import angle_between, inflation
 from camrig.locate.joint_problem import Problem, build
 from camrig.locate.learn_lenses import learn
 from camrig.locate.lenses import AS_CALIBRATED, Lenses
@@ -99,16 +99,11 @@ def _disagreement(T_world_body: Transform, sighting: Sighting) -> float:
 def _solve(problem: Problem) -> tuple[Adjusted, Problem, frozenset[int]]:
     """Adjust; leave out views whose corners lie further off than corners may, the worst first.
 
-    A body whose views do not fit together may have moved otherwise than its track knows, where it can. One that loses
-    half of its views by that is not believed at all: which half is right nobody knows.
+    A body that loses half of its views by that is not believed at all: which half is right nobody knows.
     """
     spoilt: frozenset[int] = frozenset()
     had = np.bincount(problem.views.body[problem.views.body >= 0], minlength=len(problem.names))
     found = adjust(problem.views, problem.cameras, problem.lenses, problem.bodies, problem.start)
-    moved = [b for b in problem.may_have_swerved() if _inflation(problem, found, b) > CLEARLY_WORSE]
-    if moved:
-        problem = problem.with_swerves(moved)
-        found = adjust(problem.views, problem.cameras, problem.lenses, problem.bodies, problem.start)
     while (excess := problem.excess(found.chi2)).max(initial=0.0) > 1.0:
         worst = int(np.argmax(excess))
         b = int(problem.views.body[worst])
@@ -123,12 +118,6 @@ def _solve(problem: Problem) -> tuple[Adjusted, Problem, frozenset[int]]:
     return found, problem, spoilt
 
 
-def _inflation(problem: Problem, found: Adjusted, b: int) -> float:
-    """Return by what the residuals of a body's views say that its covariance must grow."""
-    own = problem.views.body == b
-    return inflation(float(found.chi2[own].sum()), max(8 * int(own.sum()) - 4, 4))
-
-
 def _fixes(problem: Problem, wanted: Sequence[int], found: Adjusted) -> Iterator[Fix]:
     """Yield where bodies are, with what the corners and what each camera's errors make uncertain apart."""
     factors = found.sensitivity[wanted].swapaxes(1, 2) @ problem.prior_roots
@@ -137,12 +126,14 @@ def _fixes(problem: Problem, wanted: Sequence[int], found: Adjusted) -> Iterator
     rest = found.body_covariance[wanted] - alone - (factors @ factors.swapaxes(2, 3)).sum(axis=1)
     covariances = alone + _positive(rest)
     for k, b in enumerate(wanted):
-        cameras = {problem.camera_ids[c] for c in problem.views.camera[problem.views.body == b]}
+        own = problem.views.body == b
+        freedoms = max(8 * int(own.sum()) - 4, 4)
+        cameras = {problem.camera_ids[c] for c in problem.views.camera[own]}
         yield Fix(
             target_id=problem.names[b],
             stamp_s=problem.stamps_s[b],
             T_world_body=found.estimate.bodies[b],
-            covariance=covariances[k] * _inflation(problem, found, b),
+            covariance=covariances[k] * inflation(float(found.chi2[own].sum()), freedoms),
             sources=problem.camera_ids,
             factors=factors[k],
             seen=tuple(each for each in problem.seen[b] if each.camera_id in cameras),

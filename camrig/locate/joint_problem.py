@@ -35,7 +35,7 @@ class Problem:
     ``prior_roots`` (c, 10, 10) turns the covariance of anything with a camera's unknowns into the factor by which that
     camera's prior errors, as unit normal numbers, move it: the transposed inverse of the prior's Cholesky factor, zero
     where a camera has no prior. ``limit_chi2`` (m,) is what a view's chi2 may be,
-    ``rows`` (m) each view's camera and tag, ``swerved`` (m, 6, 6) what comes to its spread if the body has swerved.
+    ``rows`` (m) each view's camera and tag.
     """
 
     camera_ids: tuple[str, ...]
@@ -51,7 +51,6 @@ class Problem:
     prior_roots: Array
     limit_chi2: Array
     rows: tuple[tuple[int, SeenTag], ...]
-    swerved: Array
 
     def excess(self, chi2: Array) -> Array:
         """Return by how much (m,) each view exceeds what its chi2 may be; above 1 it is not believed."""
@@ -68,19 +67,9 @@ class Problem:
             views=views,
             limit_chi2=self.limit_chi2[kept],
             rows=tuple(compress(self.rows, kept)),
-            swerved=self.swerved[kept],
             cameras=_held(self.cameras, views.camera),
             bodies=_held(self.bodies, views.body),
         )
-
-    def may_have_swerved(self) -> Sequence[int]:
-        """Return the bodies with views of several times, between which they can have moved as no track knows."""
-        return [int(b) for b in np.unique(self.views.body[self.swerved.any(axis=(1, 2))])]
-
-    def with_swerves(self, bodies: Sequence[int]) -> Problem:
-        """Return the problem where some have."""
-        theirs = np.isin(self.views.body, bodies)[:, None, None]
-        return replace(self, views=replace(self.views, spread=self.views.spread + np.where(theirs, self.swerved, 0.0)))
 
     def placed(self, c: int) -> bool:
         """Tell whether anything says where a camera is: its carrier, or a view."""
@@ -140,7 +129,6 @@ def build(
         prior_roots=roots,
         limit_chi2=np.array([_limit_chi2(row.tag) for row in rows]),
         rows=tuple((row.camera, row.tag) for row in rows),
-        swerved=np.array([row.swerved for row in rows]).reshape(-1, 6, 6),
     )
 
 
@@ -155,7 +143,6 @@ class _Row:
     spread: Array
     turn: Array
     slack_rad: Array
-    swerved: Array
 
 
 def _rows(
@@ -167,7 +154,7 @@ def _rows(
     first_seen: dict[str, Transform] = {}
     for c, view in enumerate(views):
         for anchor in view.anchors:
-            yield _Row(c, -1, anchor, np.zeros(3), np.zeros((6, 6)), np.eye(3), np.zeros(3), np.zeros((6, 6)))
+            yield _Row(c, -1, anchor, np.zeros(3), np.zeros((6, 6)), np.eye(3), np.zeros(3))
         turns = {sighting.target_id: sighting.T_world_body for sighting in view.sightings}
         for seen in view.bodies:
             name = seen.body.id
@@ -181,7 +168,7 @@ def _rows(
                 turn_rad = _seen_turn_rad(before, turns[name], seen.body, expected_rad) if dt_s else turn_rad
             turn, slack_rad = rotation_exp(turn_rad), expected_rad - turn_rad
             for tag in seen.tags:
-                yield _Row(c, names.index(name), tag, shift_m, spread, turn, slack_rad, motion.swerved(dt_s))
+                yield _Row(c, names.index(name), tag, shift_m, spread, turn, slack_rad)
 
 
 def _seen_turn_rad(T_before: Transform, T_now: Transform, body: Body, expected_rad: Array) -> Array:

@@ -38,16 +38,12 @@ class Sighting:
     tags: int
 
 
-UNKNOWN_S = 0.2
-"""A track knows of a swerve so long after it began: frames are late, and a few must have shown it."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
     """How a body moves as far as is known: ``T_world_body`` at ``stamp_s`` (None = not known where), velocity (3,) with
     its (3, 3) covariance, the density (3,) of its acceleration in m2/s3, the variance (3,) that each second adds to
     its orientation, by world axis, and how fast its way and its heading turn together about the vertical, with the
-    variance of that. ``swerve_m2_s3`` (3,), if it may swerve, is the density of its acceleration while it does.
+    variance of that.
     """
 
     stamp_s: float
@@ -58,7 +54,6 @@ class Motion:
     turn_rad2_s: Array
     turn_rate_rad_s: float = 0.0
     turn_rate_rad2_s2: float = 0.0
-    swerve_m2_s3: Array | None = None
 
     def shift_m(self, dt_s: float) -> Array:
         """Return by what (3,) it is further on ``dt_s`` later or, negative, earlier."""
@@ -76,13 +71,6 @@ class Motion:
         covariance[:3, :3] = self.velocity_covariance * dt_s**2 + np.diag(self.acceleration_m2_s3) * abs(dt_s) ** 3 / 3
         covariance[3:, 3:] = np.diag(self.turn_rad2_s) * abs(dt_s)
         covariance[5, 5] += self.turn_rate_rad2_s2 * dt_s**2
-        return covariance
-
-    def swerved(self, dt_s: float) -> Array:
-        """Return what (6, 6) comes to that where it has swerved since it was last seen, unknown to its track."""
-        covariance = np.zeros((6, 6))
-        if self.swerve_m2_s3 is not None:
-            covariance[:3, :3] = np.diag(self.swerve_m2_s3) * (UNKNOWN_S * dt_s**2 + abs(dt_s) ** 3 / 3)
         return covariance
 
 

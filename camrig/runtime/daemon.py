@@ -219,12 +219,14 @@ class Daemon:
     def lend(self, head: str, for_s: float, *, renew: bool = False) -> Collection[str]:
         """Operator's order: stop a head, and let go of it and its camera for so long; then it is held; any thread.
 
-        A loan that is to be renewed and is over raises InputError.
+        A loan that is to be renewed and is over raises InputError, a daemon that is about to end HardwareError.
         """
         if renew:
             return self.loans.renew(head, for_s)
         job = self.devices.heads[head]
         if for_s > 0.0:
+            if self.successor is not None or self.stop_requested:
+                raise HardwareError("the rig is being reloaded or stopped: ask again")
             halt([job])
         return self.loans.lend(job, for_s)
 

@@ -10,14 +10,14 @@ _AUTO_FOCUS = ("focus_automatic_continuous", "focus_auto")
 
 def check_focus(config: RigConfig, camera_id: str) -> None:
     """Raise InputError where a camera, which is open and set as its file says, focuses by itself."""
-    if focuses_by_itself(config, camera_id):
+    if _focuses_by_itself(config, camera_id):
         raise InputError(
             f"camera '{camera_id}' focuses by itself, and its lens is another each time: put `lock: [focus]` into its "
             "source, and calibrate again"
         )
 
 
-def focuses_by_itself(config: RigConfig, camera_id: str) -> bool:
+def _focuses_by_itself(config: RigConfig, camera_id: str) -> bool:
     """Ask the device; one that cannot be asked does not."""
     source = config.devices["cameras"][camera_id]
     wanted = source.raw.get("device")

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from camrig.config.rig_file import load_rig
+from camrig.errors import HardwareError
 from camrig.messages import FlightState
 from camrig.runtime.daemon import Daemon
 from camrig.runtime.last_run import last_run
@@ -217,6 +218,8 @@ def test_no_reload_while_another_program_has_a_head(bench: Callable[[str], Abstr
         rig.reload(RIG)
         until(lambda: len(rig.daemons) == 2, 20.0)
         assert rig.daemon.held == {"pt1"}
+        with pytest.raises(HardwareError, match="reloaded or stopped: ask again"):
+            first.lend("pt1", 30.0)
 
 
 def test_the_watchdog_is_fed_while_workers_end(bench: Callable[[str], AbstractContextManager[Bench]]) -> None:
