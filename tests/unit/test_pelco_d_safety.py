@@ -46,6 +46,7 @@ class HeadMachine(RuleBasedStateMachine):
         self.rig.time.sleep_s(0.5)
         self.rig.truth_deg()
         self.reckoned = grade == "open_loop"
+        self.by_speeds = grade != "absolute"
         self.may_move = False
         self.is_open = False
         self.stopped_at: int | None = len(self.rig.motions())
@@ -120,12 +121,12 @@ class HeadMachine(RuleBasedStateMachine):
 
     @rule(fault=st.sampled_from(["silent", "echo", "stuck", "splits"]), on=st.booleans())
     def fault(self, fault: str, on: bool) -> None:
-        if not (self.reckoned and fault == "stuck"):
+        if not (self.by_speeds and fault == "stuck"):  # driven by speeds, it goes on where no stop can be sent
             setattr(self.rig.line.faults, fault, on)
 
     @rule(plugged=st.booleans())
     def plug(self, plugged: bool) -> None:
-        if plugged or not self.reckoned:  # driven by speeds, it goes on where no stop can be sent
+        if plugged or not self.by_speeds:
             (self.rig.line.faults.replug if plugged else self.rig.line.faults.unplug)()
 
     @invariant()
