@@ -59,18 +59,16 @@ class Modes:
         """Return them after a transition (6, 6) with the noise (n, 6, 6) of each, before which mode i has become mode j
         with the probability ``becomes`` (n, n).
         """
-        mixed = self._mixed(self.weights[:, None] * becomes) if len(self.weights) > 1 else self
+        mixed = self
+        if len(self.weights) > 1:
+            joint = self.weights[:, None] * becomes
+            weights = joint.sum(axis=0)
+            mixed = self._only(0)._or(self._only(1), joint[1] / weights, weights)
         return Modes(mixed.weights, mixed.means @ F.T, F @ mixed.whites @ F.T + Q, F @ mixed.sensitivities)
 
-    def _mixed(self, joint: Array) -> Modes:
-        """Return what each mode begins with, where ``joint`` (2, 2) is how probably it was mode i and is mode j."""
-        weights = joint.sum(axis=0)
-        second = (joint[1] / weights)[:, None]
-        off, apart = self.means[1] - self.means[0], self.sensitivities[1] - self.sensitivities[0]
-        between = np.outer(off, off) + apart @ apart.T
-        second3 = second[..., None]
-        whites = self.whites[0] + second3 * (self.whites[1] - self.whites[0] + (1.0 - second3) * between)
-        return Modes(weights, self.means[0] + second * off, whites, self.sensitivities[0] + second3 * apart)
+    def _only(self, k: int) -> Modes:
+        own = slice(k, k + 1)
+        return Modes(self.weights[own], self.means[own], self.whites[own], self.sensitivities[own])
 
     def knowing(self, columns: int) -> Modes:
         """Return them with so many columns of sensitivity, 0 where they were none."""
@@ -98,7 +96,7 @@ class Modes:
         weights = self.weights * worth
         weights = np.maximum(weights / weights.sum(), _LEAST)
         updated = self._by(solved[..., :6].swapaxes(1, 2), innovation, C, D, weights / weights.sum())
-        return updated._or(self, wrong / worth) if suspect else updated
+        return updated._or(self, wrong / worth, updated.weights) if suspect else updated
 
     def taken_by(self, K: Array, place_m: Array, C: Array, factors: Array) -> Modes:
         """Return them after it by one gain (6, 3), whatever that is; which mode is right is not asked."""
@@ -113,14 +111,13 @@ class Modes:
         whites = A @ self.whites @ A.swapaxes(1, 2) + K @ C @ K.swapaxes(1, 2)
         return Modes(weights, means, whites, self.sensitivities + K @ D)
 
-    def _or(self, other: Modes, share: Array) -> Modes:
-        """Return each mode mixed with the same one of others, by their ``share`` (n,)."""
+    def _or(self, other: Modes, share: Array, weights: Array) -> Modes:
+        """Return modes of these weights (n,), each the mixture of what is here with its ``share`` (n,) of others."""
         one, two = share[:, None], share[:, None, None]
         off, apart = (other.means - self.means)[..., None], other.sensitivities - self.sensitivities
         between = off @ off.swapaxes(1, 2) + apart @ apart.swapaxes(1, 2)
         whites = self.whites + two * (other.whites - self.whites + (1.0 - two) * between)
-        means = self.means + one * (other.means - self.means)
-        return Modes(self.weights, means, whites, self.sensitivities + two * apart)
+        return Modes(weights, self.means + one * off[..., 0], whites, self.sensitivities + two * apart)
 
 
 def _likelihood(chi2: Array, spread: Array) -> Array:
