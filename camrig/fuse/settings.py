@@ -93,11 +93,9 @@ def _step(model: MotionModel, dt_s: float) -> tuple[Array, Array, Array]:
     x = (1.0 / model.calm_s + 1.0 / model.swerve_s) * dt_s
     becomes = math.exp(-x) * np.eye(len(often)) - math.expm1(-x) * often
     if model.swerve_m2_s3 > 0.0:
-        half_s = min(0.5 * SWERVES_S, 0.5 * dt_s)
-        half, on = (
-            _noise(model.swerve_density_m2_s3, model.memory_s, half_s),
-            _transition(model.memory_s, dt_s - half_s),
-        )
+        half_s = 0.5 * min(dt_s, SWERVES_S)
+        half = _noise(model.swerve_density_m2_s3, model.memory_s, half_s)
+        on = _transition(model.memory_s, dt_s - half_s)
         swerve = on @ half @ on.T + half  # at its beginning and its end
         noises = [Q + _between(model, dt_s) * swerve, Q + swerve]
     found = F, np.stack(noises), becomes
@@ -136,7 +134,7 @@ def _noise(density: Array, memory_s: float, dt_s: float) -> Array:
 
 
 SWERVE_M2_S3 = 0.8
-"""Of a robot that brakes or starts at 2 m/s2 once in a while no position is past five sigma (ADR 18)."""
+"""Of a robot that brakes or starts at 2 m/s2 no position is past five sigma, from 15 fixes a second on (ADR 18)."""
 
 FLOOR = MotionModel((0.1, 0.1, 0.0), (0.0, 0.0, 1e-6), 0.5, 20.0, swerve_m2_s3=SWERVE_M2_S3)
 """In the plane, as it likes: its height walks a millimetre in a second."""

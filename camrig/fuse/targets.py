@@ -17,7 +17,7 @@ from camrig.geometry.pose import transform
 from camrig.messages import Event, Fix, Level, Motion, Target, TargetStatus
 from camrig.rig import Rig
 
-_RESTLESS = (
+_WITHOUT_END = (
     "swerves without end: its cameras do not agree on where it is (calibration, stamps, a tag's place), or it drives "
     "narrower curves than its motion allows"
 )
@@ -47,7 +47,7 @@ def update(
         if after.state.restarts > before.state.restarts:
             notes.append(Event(fix.stamp_s, Level.INFO, name, "was moved by more than it can move: track restarted"))
         if after.state.restless and not before.state.restless:
-            notes.append(Event(fix.stamp_s, Level.WARNING, name, _RESTLESS))
+            notes.append(Event(fix.stamp_s, Level.WARNING, name, _WITHOUT_END))
     return Tracks(by_id), tuple(notes)
 
 
